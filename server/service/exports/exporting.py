@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
@@ -35,6 +34,7 @@ from server.service.services import Services
 from server.service.sessions.blinding import blinded
 from server.service.sessions.measuring import Measured
 from server.service.storage.audit import entries
+from server.service.storage.checksums import digest_of
 from server.service.web.problems import ProblemError
 
 if TYPE_CHECKING:
@@ -207,4 +207,4 @@ def _zipped(parts: Services, measured: Measured, into: Path) -> Path:
 
 
 def _digest(document: Mapping[str, Any]) -> str:
-    return hashlib.sha256((json.dumps(document, indent=1) + "\n").encode()).hexdigest()
+    return digest_of((json.dumps(document, indent=1) + "\n").encode())

@@ -77,10 +77,7 @@ def _model_findings(parts: Services, measured: Measured, kept: BenchSession) -> 
     try:
         # A finger that is a file of the bench is not looked for here.
         parts.models.model(None, measured)
-    except ProblemError as error:
-        body = error.body
-        return [finding("error", "not_predictable", "session", body["found"], body["expected"], body["remedy"])]
-    except InputError as error:
+    except (ProblemError, InputError) as error:
         return [finding("error", "not_predictable", "session", error.found, error.expected, error.remedy)]
     return model_findings(kept)
 
@@ -141,37 +138,31 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
 
 def report_page(parts: Services, session: str, model: str | None, job: str | None) -> str:
     """Return the report as a page that stands alone; arguments and errors as of `report_of`."""
-
-    def made() -> str:
-        report = report_of(parts, session, model, job)
-        return report_html(report.sections, report.title, report.subtitle)
-
-    return _report(parts, session, model, job, "page", made)
+    return _report(parts, session, model, job, _page)
 
 
 def report_sheet(parts: Services, session: str, model: str | None, job: str | None) -> dict[str, Any]:
     """Return the report for the pages, its figures apart; arguments and errors as of `report_of`."""
-
-    def made() -> dict[str, Any]:
-        report = report_of(parts, session, model, job)
-        body, figures = report_body(report.sections)
-        drawn = [orjson.loads(figure.to_json()) for figure in figures]
-        return {
-            "schema": "fingertwin/report/1",
-            "session": session,
-            "html": report_header(report.title, report.subtitle, alone=False) + body,
-            "figures": [{"data": figure["data"], "layout": figure["layout"]} for figure in drawn],
-        }
-
-    return _report(parts, session, model, job, "sheet", made)
+    return {"schema": "fingertwin/report/1", "session": session} | _report(parts, session, model, job, _sheet)
 
 
-def _report(parts: Services, session: str, model: str | None, job: str | None, form: str, make: Callable[[], T]) -> T:
+def _page(report: Report) -> str:
+    return report_html(report.sections, report.title, report.subtitle)
+
+
+def _sheet(report: Report) -> dict[str, Any]:
+    body, figures = report_body(report.sections)
+    drawn = [orjson.loads(figure.to_json()) for figure in figures]
+    html = report_header(report.title, report.subtitle, alone=False) + body
+    return {"html": html, "figures": [{"data": figure["data"], "layout": figure["layout"]} for figure in drawn]}
+
+
+def _report(parts: Services, session: str, model: str | None, job: str | None, form: Callable[[Report], T]) -> T:
     """Return a report in a form, from the session and the spread of the specimen's other sessions."""
     measured = parts.measuring.of(session)
     named = resolved(parts, measured, model)
     others = tuple(other.key for other in spread_members(parts, measured))
-    return _once(parts, measured, (form, named, job, others), make)
+    return _once(parts, measured, (form, named, job, others), lambda: form(report_of(parts, session, model, job)))
 
 
 def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, Any]) -> go.Figure | None:

@@ -26,11 +26,10 @@ def shown(
     name: str, figure: go.Figure | None, caption: str, about: dict[str, Any], known: Sequence[Told] = ()
 ) -> dict[str, Any]:
     """Return the answer's plain data, in the colours of paper."""
-    head: dict[str, Any] = {"schema": SCHEMA, "name": name}
-    if figure is None:
-        return head | {"title": None, "caption": None, "text": caption, "figure": None, "cases": None} | about
-    data = orjson.loads(figure.to_json())
-    return shown_data(name, data, caption, about, known)
+    if figure is not None:
+        return shown_data(name, orjson.loads(figure.to_json()), caption, about, known)
+    nothing = {"title": None, "caption": None, "text": caption, "figure": None, "cases": None}
+    return {"schema": SCHEMA, "name": name} | nothing | about
 
 
 def shown_or_why(
@@ -48,11 +47,10 @@ def shown_data(
     name: str, data: dict[str, Any], caption: str, about: dict[str, Any], known: Sequence[Told] = ()
 ) -> dict[str, Any]:
     """Return a figure's plain data, in the colours of paper."""
-    head: dict[str, Any] = {"schema": SCHEMA, "name": name}
     title = plain_text(str(((data["layout"].get("title")) or {}).get("text") or name))
     cases = cases_of(data, known) if known else None
-    words = text_of(data, caption)
-    return head | {"title": title, "caption": caption, "text": words, "figure": data, "cases": cases} | about
+    told = {"title": title, "caption": caption, "text": text_of(data, caption), "figure": data, "cases": cases}
+    return {"schema": SCHEMA, "name": name} | told | about
 
 
 def on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:

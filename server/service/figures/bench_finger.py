@@ -37,17 +37,17 @@ _WAIST = 0.3
 
 def bench_finger(held: HeldFinger) -> dict[str, Any]:
     """Return a finger in its posture with what hangs on it, and the forces that may be seen."""
-    finger, found, hung = held.finger, held.case, held.hung
+    finger, hung = held.finger, held.hung
     pose = finger_pose(finger, finger.values, held.angles)
-    masses = {} if found is None else {m: float(g) for m, g in found.masses_g.items() if g}
+    masses = {} if hung is None else {m: float(g) for m, g in hung.masses_g.items() if g}
     gravity = float(held.document.get("gravity_m_s2", 9.81))
     return {
         "model": held.loaded.id,
         "posture": held.posture,
         "angles_deg": dict(zip(finger.topology.rotations, np.rad2deg(held.angles).tolist(), strict=True)),
-        "case": None if found is None else found.id,
-        "role": None if found is None else found.role,
-        "location": None if found is None else found.location,
+        "case": None if hung is None else hung.case,
+        "role": None if hung is None else hung.role,
+        "location": None if hung is None else hung.location,
         "masses_g": masses,
         "weight_N": 1e-3 * gravity * sum(masses.values()),
         "reach_mm": reach_mm(finger.values),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,17 +28,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class DrawnCase:
-    """A load case that was taken, or is planned."""
-
-    id: str
-    role: str
-    posture: str
-    location: str
-    masses_g: Mapping[str, float]
-
-
 @dataclass(frozen=True, eq=False)
 class HeldFinger:
     """A finger as it is held.
@@ -49,8 +38,7 @@ class HeldFinger:
         finger: of that model.
         posture: its name.
         angles: (rotations,) of the posture [rad].
-        case: that is shown; None for the finger alone.
-        hung: what hangs in it.
+        hung: load case that is shown; None for the finger alone.
     """
 
     document: Mapping[str, Any]
@@ -58,7 +46,6 @@ class HeldFinger:
     finger: Finger
     posture: str
     angles: Floats
-    case: DrawnCase | None
     hung: Hung | None
 
 
@@ -80,10 +67,9 @@ def held_finger(
             given, or they do not belong together.
     """
     name, document, postures = measured.record.id, measured.record.require_document(), measured.record.postures_deg
-    found = None if case is None else _case(measured, case)
-    if found is not None and posture not in (None, found.posture):
-        raise ProblemError(422, f"case {found.id} in another posture", f"posture {found.posture}, or none")
-    wanted = posture if found is None else found.posture
+    wanted, found = (posture, None) if case is None else _case(measured, case)
+    if posture not in (None, wanted):
+        raise ProblemError(422, f"case {case} in another posture", f"posture {wanted}, or none")
     if wanted is None:
         raise ProblemError(422, "neither posture nor case", "one of the two")
     if wanted not in postures:
@@ -92,7 +78,7 @@ def held_finger(
     finger = loaded if not hasattr(loaded, "finger") else loaded.finger
     angles = posture_rad(finger.topology, postures[wanted], f"posture {wanted}")
     hung = None if found is None else _hung(parts, measured, found, model, loaded, angles)
-    return HeldFinger(document, loaded, finger, wanted, angles, found, hung)
+    return HeldFinger(document, loaded, finger, wanted, angles, hung)
 
 
 def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
@@ -104,8 +90,8 @@ def _model(parts: Services, measured: Measured, model: str | None) -> Finger | R
     return read_finger(found) if isinstance(found, str) else found
 
 
-def _case(measured: Measured, case: str) -> DrawnCase:
-    """Return a load case that was taken, or is planned.
+def _case(measured: Measured, case: str) -> tuple[str, Hung]:
+    """Return the posture and the weights of a load case that was taken, or is planned.
 
     Raises:
         ProblemError: 404 there is none.
@@ -113,19 +99,19 @@ def _case(measured: Measured, case: str) -> DrawnCase:
     record = measured.record
     for taken in record.amended_cases:
         if taken["id"] == case:
-            known = {k: taken.get(k) for k in ("role", "posture", "location")}
-            return DrawnCase(case, **{k: str(v) for k, v in known.items()}, masses_g=dict(taken.get("masses_g") or {}))
+            masses = dict(taken.get("masses_g") or {})
+            return str(taken.get("posture")), Hung(masses, str(taken.get("location")), case, str(taken.get("role")))
     for planned in () if record.bench is None else record.bench.setup.cases():
         if planned.id == case:
-            return DrawnCase(case, str(planned.role), planned.posture, str(planned.location), dict(planned.masses_g))
+            return planned.posture, Hung(dict(planned.masses_g), str(planned.location), case, str(planned.role))
     raise not_found("case", case, f"/api/v1/sessions/{record.id}/cases")
 
 
 def _hung(
-    parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
+    parts: Services, measured: Measured, case: Hung, model: str | None, loaded: Finger | Revision, angles: Floats
 ) -> Hung:
     """Return the weights of a case, with the forces that may be seen."""
-    force = measured.force(case.id) or {"measured_N": None, "measured_sd_N": None}
+    force = measured.force(case.case) or {"measured_N": None, "measured_sd_N": None}
     blind = case.role == "validation" and not measured.record.closed
     predicted, note = None, HIDDEN if blind else ""
     if not blind:
@@ -134,16 +120,16 @@ def _hung(
         except InputError as error:
             note = f"No prediction: {error}"
     measured_N, sd_N = (None if v is None else np.array(v) for v in (force["measured_N"], force["measured_sd_N"]))
-    return Hung(case.masses_g, case.location, case.id, case.role, measured_N, sd_N, predicted, note)
+    return replace(case, measured_N=measured_N, measured_sd_N=sd_N, predicted_N=predicted, note=note)
 
 
 def _predicted(
-    parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
+    parts: Services, measured: Measured, case: Hung, model: str | None, loaded: Finger | Revision, angles: Floats
 ) -> Floats | None:
     """Predict the force on the cell: of a measured case as the comparison does, of others from what will hang."""
-    if measured.force(case.id) is not None:
+    if measured.force(case.case) is not None:
         cases = compare(parts.models.bench(measured, model)).cases
-        return next((np.asarray(c.predicted_N) for c in cases if c.id == case.id), None)
+        return next((np.asarray(c.predicted_N) for c in cases if c.id == case.case), None)
     document = measured.record.document or {}
     factor = document.get("tension_factor")
     stated = float(factor) if isinstance(factor, int | float) else PUBLISHED_TENSION_FACTOR

@@ -13,7 +13,7 @@ from daq.errors import ModelError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.windows import Span
 from daq.sessions import FINGER_DOCUMENT, parse_session
-from daq.signals.corrections import assemble, windows_of
+from daq.signals.corrections import assemble
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.effects.user import effect_from_dict
 from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
@@ -22,7 +22,6 @@ from fingermodel.session import Session
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
-    from daq.sessions.models import Session as BenchSession
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
     from fingermodel.session import Session
@@ -52,22 +51,6 @@ class BenchInput:
     effects: tuple[Mapping[str, Any], ...] = ()
     readings_sha256: str | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls,
-        session: BenchSession,
-        plateaus: Mapping[Span, Plateau],
-        notes: tuple[str, ...] = (),
-        *,
-        model: Mapping[str, Any] | str | None = None,
-        effects: tuple[Mapping[str, Any], ...] = (),
-        readings_sha256: str | None = None,
-    ) -> BenchInput:
-        """Make it of a session; windows that its cases do not use are left out."""
-        document = session.entered.model_dump(mode="json", exclude_none=True)
-        used = {window: plateaus[window] for window in windows_of(session)}
-        return cls(document, used, notes, model, effects, readings_sha256)
 
     @property
     def id(self) -> str:

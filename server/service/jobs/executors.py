@@ -23,6 +23,9 @@ from server.service.jobs.worker import Tell
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+# Items and results with their keys.
+Keyed = Iterable[tuple[str, Item]]
+Results = Iterator[tuple[str, Result]]
 
 _ONE = "server.service.jobs.executors.compute_one"
 # Items on their way to each worker: the next one is there when one is done.
@@ -67,9 +70,7 @@ class Executor(ABC):
     """Computes many items; as a context manager it is closed at the end."""
 
     @abstractmethod
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[tuple[str, Item]]
-    ) -> Iterator[tuple[str, Result]]:
+    def map(self, function: Callable[[Item], Result], items: Keyed[Item]) -> Results[Result]:
         """Yield the key and the result of each item, as they come.
 
         Args:
@@ -97,9 +98,7 @@ class Executor(ABC):
 class SerialExecutor(Executor):
     """Computes one item after another in this process."""
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[tuple[str, Item]]
-    ) -> Iterator[tuple[str, Result]]:
+    def map(self, function: Callable[[Item], Result], items: Keyed[Item]) -> Results[Result]:
         """Yield the results in the order of the items."""
         for key, item in items:
             yield key, function(item)
@@ -119,9 +118,7 @@ class ProcessExecutor(Executor):
         self._workers = workers
         self._supervisor = Supervisor(workers)
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[tuple[str, Item]]
-    ) -> Iterator[tuple[str, Result]]:
+    def map(self, function: Callable[[Item], Result], items: Keyed[Item]) -> Results[Result]:
         """Yield the results in order of completion."""
         ends: queue.SimpleQueue[tuple[str, Outcome]] = queue.SimpleQueue()
         waiting, running = iter(items), dict[str, str]()
@@ -168,9 +165,7 @@ class DaskExecutor(Executor):
                 f"no Dask scheduler answers at {scheduler}", "the address of one, such as tcp://HOST:8786"
             ) from error
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[tuple[str, Item]]
-    ) -> Iterator[tuple[str, Result]]:
+    def map(self, function: Callable[[Item], Result], items: Keyed[Item]) -> Results[Result]:
         """Yield the results in order of completion."""
         waiting, running = iter(items), dict[str, str]()
         done = self._distributed.as_completed(loop=self._client.loop)

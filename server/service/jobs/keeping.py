@@ -169,7 +169,7 @@ class _NotRunningError(Exception):
 
 
 def _as_input(error: ProblemError) -> InputError:
-    return InputError(error.body["found"], error.body["expected"], error.body["remedy"])
+    return InputError(error.found, error.expected, error.remedy)
 
 
 def problem_of(outcome: Outcome) -> dict[str, Any]:

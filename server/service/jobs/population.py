@@ -28,7 +28,6 @@ from fingermodel.diagnosis.posterior.hyper import GRIDS
 from fingermodel.fitting.identification import refit_map
 from server.application.additions import add_bench
 from server.service.jobs.bench_input import BenchInput
-from server.service.jobs.executors import Executor
 from server.service.jobs.inputs import PopulationInput
 from server.service.jobs.population_summary import Result, summarise
 from server.service.jobs.worker import Tell
@@ -78,8 +77,14 @@ def run(payload: PopulationInput, tell: Tell) -> Result:
         and (part["replicate"] or part.get("recipe", {}).get("grids") == GRIDS)
     }
     with payload.executor.open() as executor:
-        _compute(executor, _estimates(payload, prints), payload, done, tell)
-        _compute(executor, _replicates(payload, prints, done), payload, done, tell)
+        stage = f"{len(payload.benches)} sessions, {len(payload.effects)} sets of effects"
+        for replicates in (range(1), range(1, payload.bootstrap + 1)):
+            parts = _parts(payload, prints, replicates, done)
+            missing = ((key, part) for key, part in parts if key not in done)
+            for key, result in executor.map(fit_part, missing):
+                tell.part(key, result)
+                done[key] = result
+                tell(len(done) / payload.fits, stage)
     return summarise(payload.effects, [b.id for b in payload.benches], done, payload.level) | {
         "bootstrap": payload.bootstrap,
         "seed": payload.seed,
@@ -92,32 +97,14 @@ def key_of(session: str, effects: int, replicate: int) -> str:
     return f"{session}/{effects}/{replicate}"
 
 
-def _compute(
-    executor: Executor, parts: Iterator[tuple[str, Part]], payload: PopulationInput, done: dict[str, Result], tell: Tell
-) -> None:
-    missing = ((key, part) for key, part in parts if key not in done)
-    for key, result in executor.map(fit_part, missing):
-        tell.part(key, result)
-        done[key] = result
-        tell(len(done) / payload.fits, f"{len(payload.benches)} sessions, {len(payload.effects)} sets of effects")
-
-
-def _estimates(payload: PopulationInput, prints: Mapping[str, str]) -> Iterator[tuple[str, Part]]:
-    for bench in payload.benches:
-        for number, effects in enumerate(payload.effects):
-            yield (
-                key_of(bench.id, number, 0),
-                Part(prints[bench.id], bench, effects, 0, payload.seed, payload.catalogue),
-            )
-
-
-def _replicates(
-    payload: PopulationInput, prints: Mapping[str, str], done: Mapping[str, Result]
+def _parts(
+    payload: PopulationInput, prints: Mapping[str, str], replicates: range, done: Mapping[str, Result]
 ) -> Iterator[tuple[str, Part]]:
+    """Yield fits with their keys; those of replicates start from an estimate that is done."""
     for bench in payload.benches:
         for number, effects in enumerate(payload.effects):
-            estimate = done[key_of(bench.id, number, 0)]
-            for k in range(1, payload.bootstrap + 1):
+            for k in replicates:
+                estimate = done[key_of(bench.id, number, 0)] if k else None
                 part = Part(prints[bench.id], bench, effects, k, payload.seed, payload.catalogue, estimate)
                 yield key_of(bench.id, number, k), part
 

@@ -276,7 +276,7 @@ def finger(
                 figure = effect_on_finger(parts.models.bench(measured, named), [without], case)
         caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
         about = {"session": session, "session_version": measured.record.version, "blinded": sorted(blinded(measured))}
-        about |= {"model": held.loaded.id, "posture": held.posture, "case": held.case and held.case.id}
+        about |= {"model": held.loaded.id, "posture": held.posture, "case": held.hung and held.hung.case}
         return shown("finger", figure, caption, about, cases_led_to(measured))
 
     return _answer(parts, ("finger", measured.key, posture, case, named, without), theme, matched, draw)

@@ -8,6 +8,7 @@ from pydantic import ConfigDict, Field, JsonValue
 
 from server.service.schemas.common import Form, Plain, Shown
 from server.service.schemas.figures import FigureShown
+from server.service.schemas.predictions import Angle, Name
 
 MOST_STEPS = 2000
 Closure = Literal["minimal", "chao", "least_squares"]
@@ -111,9 +112,7 @@ class MovementChoices(Shown):
     fingers: list[str] = Field(description="Those whose bones have inertia.")
 
 
-Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Named = Annotated[str, Field(max_length=60)]
 
 
 class AskedActivation(Form):
@@ -128,19 +127,19 @@ class AskedActivation(Form):
         str | None, Field(max_length=100, description="A shipped muscle set; by default the one named like the finger.")
     ] = None
     posture_deg: Annotated[
-        dict[Named, Angle],
+        dict[Name, Angle],
         Field(default_factory=dict, max_length=20, description="Angles that differ from the default posture [deg]."),
     ]
     activation: Annotated[
-        dict[Named, Share] | None,
+        dict[Name, Share] | None,
         Field(max_length=40, description="Share of full activation by muscle; those not named rest."),
     ] = None
     force_N: Annotated[
-        dict[Named, Annotated[float, Field(ge=0.0, le=1000.0)]] | None,
+        dict[Name, Annotated[float, Field(ge=0.0, le=1000.0)]] | None,
         Field(max_length=6, description="Instead: tip force by direction (palmar, dorsal, radial, …) [N]."),
     ] = None
     lost: Annotated[
-        dict[Named, Share],
+        dict[Name, Share],
         Field(default_factory=dict, max_length=40, description="Share of its activation that each muscle loses."),
     ]
 

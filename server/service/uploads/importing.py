@@ -55,7 +55,12 @@ def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str |
         ProblemError: 409 another session has the id; 413 its readings are too many; 422 it is no session's folder.
         GoneError: the client has gone; nothing is kept.
     """
-    _require_session_file(files)
+    names = [name for name, _ in files]
+    if SESSION_FILE not in names:
+        there = f"the files {', '.join(names[:5])}" if names else "no file"
+        raise ProblemError(
+            422, f"{shortened(there)}, none of them {SESSION_FILE}", f"a session's folder: {SESSION_FILE}, readings"
+        )
     with TemporaryDirectory(prefix="fingertwin-") as temporary:
         # The folder's name stands in messages.
         folder = Path(temporary) / "the folder"
@@ -109,15 +114,6 @@ def _require_sound(session: Session) -> None:
         raise ProblemError(422, f"{where}{errors[0].text}{more}", remedy="Mend it in the folder, and send it again")
 
 
-def _require_session_file(files: Sequence[tuple[str, str]]) -> None:
-    names = [name for name, _ in files]
-    if SESSION_FILE not in names:
-        there = f"the files {', '.join(names[:5])}" if names else "no file"
-        raise ProblemError(
-            422, f"{shortened(there)}, none of them {SESSION_FILE}", f"a session's folder: {SESSION_FILE}, readings"
-        )
-
-
 def write_files(folder: Path, files: Sequence[tuple[str, str]]) -> None:
     """Write files that were sent into a folder.
 
@@ -150,18 +146,15 @@ def _read(parts: Services, folder: Path) -> Session:
         for key, names in known.items():
             value = data.get(key)
             # Nothing outside of the folder is looked at, whatever the description says.
-            if isinstance(value, str) and value not in names and (key != "protocol" or _is_path(value)):
+            outside = value if isinstance(value, str) and value not in names else None
+            if outside is not None and (key != "protocol" or "/" in outside or "\\" in outside):
                 raise ProblemError(
                     422,
-                    f"{SESSION_FILE}: {key} names {shortened(value)!r}, which is not among the files",
+                    f"{SESSION_FILE}: {key} names {shortened(outside)!r}, which is not among the files",
                     f"one of {', '.join(sorted(here - {SESSION_FILE})) or 'the files that are sent'}"[:300],
                     "Choose the whole folder",
                 )
     return read_session(folder)
-
-
-def _is_path(value: str) -> bool:
-    return "/" in value or "\\" in value
 
 
 def require_plain(data: Any, what: str = SESSION_FILE) -> None:

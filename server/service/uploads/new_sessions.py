@@ -22,7 +22,7 @@ from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
 from daq.lab.names import stated_unit
 from daq.lab.notebook import Note
 from daq.lab.opened import NOT_FOR_A_SERVICE, OLD_EXCEL, open_channels
-from daq.lab.proposals import ground_of, grounds, propose_channels, propose_mapping
+from daq.lab.proposals import Ground, ground_of, grounds, propose_channels, propose_mapping
 from daq.lab.traces import read_traces, traces_of
 from daq.recordings.readings import first_bytes
 from daq.sessions import read_session, read_yaml
@@ -177,17 +177,10 @@ def _proposed(path: Path, given: Held) -> dict[str, Any]:
         for taken in found.channels.values():
             open_channels(path).readable(taken.channel)
     rests = grounds(path, found)
-    lines = []
+    if saved is not None and saved.confirmed:
+        rests = dict.fromkeys(rests, Ground(1.0, "as the saved mapping says"))
     places: dict[str, Taken | Increment] = {"t": found.time, **found.channels}
-    for key, place in places.items():
-        line: dict[str, Any] = {"is": key, "channel": None, "unit": None, "increment_s": None}
-        if isinstance(place, Increment):
-            line["increment_s"] = place.increment_s
-        else:
-            line |= {"channel": place.channel, "unit": place.unit}
-        ground = rests[key]
-        sure, why = (1.0, "as the saved mapping says") if saved and saved.confirmed else (ground.sure, ground.why)
-        lines.append(line | {"sure": sure, "why": why})
+    lines = [_line_of(key, place, rests[key]) for key, place in places.items()]
     return {"mapping": _plain(found), "lines": lines, "doubts": list(found.doubts), "saved": saved is not None}
 
 
@@ -195,16 +188,16 @@ def _partly(path: Path) -> list[dict[str, Any]]:
     """Return the known lines of a mapping that cannot be proposed in full."""
     source = open_channels(path)
     channels = propose_channels(source, []) or {}
-    nothing = {"channel": None, "unit": None, "increment_s": None, "sure": 0.0}
-    lines: list[dict[str, Any]] = [{"is": "t", "why": "no channel is a time, and no step is stated"} | nothing]
-    for key in channels or AXES:
-        line: dict[str, Any] = {"is": key, "why": "the names and units tell nothing"} | nothing
-        if key in channels:
-            ground = ground_of(source, key, channels[key])
-            line |= {"channel": channels[key].channel, "unit": channels[key].unit}
-            line |= {"sure": ground.sure, "why": ground.why}
-        lines.append(line)
-    return lines
+    lines = [_line_of("t", None, Ground(0.0, "no channel is a time, and no step is stated"))]
+    if not channels:
+        return lines + [_line_of(key, None, Ground(0.0, "the names and units tell nothing")) for key in AXES]
+    return lines + [_line_of(key, taken, ground_of(source, key, taken)) for key, taken in channels.items()]
+
+
+def _line_of(key: str, place: Taken | Increment | None, ground: Ground) -> dict[str, Any]:
+    known = {} if place is None else place.model_dump()
+    line = {"is": key, "channel": None, "unit": None, "increment_s": None} | known
+    return line | {"sure": ground.sure, "why": ground.why}
 
 
 def _plain(mapping: LabFileMap) -> dict[str, Any]:
@@ -270,18 +263,7 @@ def _rows(laid: LaidNotes, lines: Sequence[Note]) -> list[dict[str, Any]]:
 
 
 def _line(note: Note) -> dict[str, Any]:
-    return {
-        "line": note.line,
-        "said": said(note),
-        "kind": note.kind,
-        "masses_g": dict(note.masses_g),
-        "posture": note.posture,
-        "location": note.location,
-        "role": note.role,
-        "repeats": note.repeats,
-        "direction": note.direction,
-        "tapped": note.tapped,
-    }
+    return vars(note) | {"said": said(note), "masses_g": dict(note.masses_g)}
 
 
 def draft(body: NewFromRecordings) -> dict[str, Any]:

@@ -66,6 +66,7 @@ class ProblemError(Exception):
         error = InputError(found, expected, remedy)
         super().__init__(str(error))
         self.status, self.headers = status, headers
+        self.found, self.expected, self.remedy = found, expected, remedy
         self.body = body_of(status, str(error)) | {"found": found, "expected": expected, "remedy": remedy} | more
 
     def answer(self) -> Response:

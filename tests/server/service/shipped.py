@@ -18,4 +18,6 @@ def bench_input(name: str, model: Mapping[str, Any] | str | None = None) -> Benc
     plateaus: Mapping[Span, Plateau] = {}
     if session.readings_path is not None:
         plateaus = gather(open_readings(session.readings_path).blocks(), windows_of(session), name).plateaus
-    return BenchInput.of(session, plateaus, model=model, readings_sha256="f" * 64)
+    document = session.entered.model_dump(mode="json", exclude_none=True)
+    used = {window: plateaus[window] for window in windows_of(session)}
+    return BenchInput(document, used, model=model, readings_sha256="f" * 64)
