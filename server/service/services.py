@@ -20,7 +20,7 @@ from server.service.ingest.ingest import Ingest
 from server.service.ingest.windows import Windows
 from server.service.jobs.service import JobService
 from server.service.jobs.supervisor import Supervisor
-from server.service.jobs.task_kinds import task_kinds
+from server.service.jobs.task_kinds import Tasks
 from server.service.live.hub import LiveHub
 from server.service.models.case_updates import CaseUpdates
 from server.service.models.effects import OwnEffects
@@ -117,7 +117,7 @@ def build(settings: Settings) -> Services:
         case_updates.on_readings(session)
 
     ingest = Ingest(database, messages, on_chunk)
-    kinds = task_kinds(settings, database, measuring, models, revisions, effects)
+    kinds = Tasks(settings, database, measuring, models, revisions, effects).kinds()
     workers = Supervisor(settings.worker_count, "server.service.jobs.tasks.warm" if settings.warm_workers else None)
     jobs = JobService(database, messages, workers, kinds, settings.job_timeout_s)
     return Services(

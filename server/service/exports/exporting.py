@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from daq.errors import InputError
 from daq.export.formats import write_c3d
@@ -40,28 +40,9 @@ from server.service.web.problems import ProblemError
 if TYPE_CHECKING:
     from daq.sessions.models import Session
 
-EXCEL = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
-# Formats with their media types; columns tells what those of csv are, folder is the session as the command line has it.
-SESSION_FORMATS: Mapping[str, str] = {
-    "csv": "text/csv",
-    "columns": "application/json",
-    "parquet": "application/vnd.apache.parquet",
-    "xlsx": EXCEL,
-    "hdf5": "application/x-hdf5",
-    "c3d": "application/octet-stream",
-    "mat": "application/x-matlab-data",
-    "supplement": "application/zip",
-    "folder": "application/zip",
-}
-REVISION_FORMATS: Mapping[str, str] = {
-    "json": "application/json",
-    "csv": "text/csv",
-    "columns": "application/json",
-    "parquet": "application/vnd.apache.parquet",
-    "xlsx": EXCEL,
-    "osim": "application/xml",
-    "mjcf": "application/xml",
-}
+# Columns tells what those of csv are, folder is the session as the command line has it.
+SessionFormat = Literal["csv", "columns", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "folder"]
+RevisionFormat = Literal["json", "csv", "columns", "parquet", "xlsx", "osim", "mjcf"]
 
 Write = Callable[[Path], Path]
 
@@ -74,7 +55,7 @@ def session_export(parts: Services, session: str, file_format: str, model: str |
     Args:
         parts: of the service.
         session: its id.
-        file_format: of SESSION_FORMATS.
+        file_format: a SessionFormat.
         model: whose predictions go along.
 
     Raises:

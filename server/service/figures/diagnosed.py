@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
+from server.service.jobs.kinds import Job
 from server.service.services import Services
 from server.service.sessions.blinding import require_closed
 from server.service.web.problems import ProblemError
+
+
+def done_job(parts: Services, job: str, kinds: Collection[str], wanted: str) -> tuple[Job, dict[str, Any]]:
+    """Return a job of some kinds that is done, and its result.
+
+    Raises:
+        ProblemError: 404 there is no such job, 409 it is not done or of another kind.
+    """
+    found = parts.jobs.get(job)
+    if found.kind not in kinds:
+        raise ProblemError(409, f"job {job} is a {found.kind}", wanted)
+    if found.state != "done" or found.result is None:
+        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+    return found, found.result
 
 
 def diagnosed(
@@ -19,20 +34,16 @@ def diagnosed(
     Raises:
         ProblemError: 404 there is no such job or session, 409 the job is not done or of another kind.
     """
-    found = parts.jobs.get(job)
-    if found.kind not in ("diagnose", "pooled"):
-        raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis")
-    if found.state != "done" or found.result is None:
-        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+    found, result = done_job(parts, job, ("diagnose", "pooled"), "a diagnosis")
     if found.kind == "pooled":
-        each = found.result.get("each") or {}
+        each = result.get("each") or {}
         if session not in each:
             raise ProblemError(
                 404, f"job {job} has no session {session or '(none given)'}"[:300], f"session: one of {', '.join(each)}"
             )
         name, answer = session, each[session]
     else:
-        name, answer = str(found.session), found.result
+        name, answer = str(found.session), result
         if session not in (None, name):
             raise ProblemError(404, f"job {job} is of session {name}", f"session: {name}, or left out")
     require_closed(parts.measuring.of(str(name)))

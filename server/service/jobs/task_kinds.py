@@ -38,44 +38,34 @@ _TASKS = "server.service.jobs.tasks"
 Request = Mapping[str, Any]
 
 
-def task_kinds(
-    settings: Settings,
-    database: Database,
-    measuring: Measuring,
-    models: SessionModels,
-    revisions: Revisions,
-    effects: OwnEffects,
-) -> list[TaskKind]:
-    """Return every kind of job that the service does."""
-    inputs = Inputs(settings, database, measuring, models, effects)
-
-    def kept_revision(telling: Telling, job: Job, result: Any) -> dict[str, Any]:
-        document = result["revision"]
-        specimen = result["provenance"]["specimen"]
-        why = _why(job)
-        revisions.keep(telling, document, specimen, result["provenance"] | {"job": job.id}, why)
-        return _body(result)
-
-    return [
-        TaskKind("refit", inputs.refit, f"{_TASKS}.refit", kept_revision),
-        TaskKind("add", inputs.add, f"{_TASKS}.add", kept_revision),
-        TaskKind("diagnose", inputs.diagnose, f"{_TASKS}.diagnose", lambda _, __, result: _body(result)),
-        TaskKind("pooled", inputs.pooled, f"{_TASKS}.pooled", lambda _, __, result: _body(result)),
-        TaskKind("next", inputs.next_cases, f"{_TASKS}.next_cases", _kept_frozen),
-        TaskKind("population", inputs.population, "server.service.jobs.population.run"),
-        TaskKind("reproduce", _study, f"{_TASKS}.reproduce", lambda _, __, result: plain(result["body"])),
-    ]
-
-
 @dataclass(frozen=True, eq=False)
-class Inputs:
-    """Makes of a request what a worker is given: values, never a place to look them up."""
+class Tasks:
+    """Makes of a request what a worker is given: values, never a place to look them up; and keeps what comes of it."""
 
     settings: Settings
     database: Database
     measuring: Measuring
     models: SessionModels
+    revisions: Revisions
     effects: OwnEffects
+
+    def kinds(self) -> list[TaskKind]:
+        """Return every kind of job that the service does."""
+        return [
+            TaskKind("refit", self.refit, f"{_TASKS}.refit", self.kept_revision),
+            TaskKind("add", self.add, f"{_TASKS}.add", self.kept_revision),
+            TaskKind("diagnose", self.diagnose, f"{_TASKS}.diagnose", lambda _, __, result: _body(result)),
+            TaskKind("pooled", self.pooled, f"{_TASKS}.pooled", lambda _, __, result: _body(result)),
+            TaskKind("next", self.next_cases, f"{_TASKS}.next_cases", _kept_frozen),
+            TaskKind("population", self.population, "server.service.jobs.population.run"),
+            TaskKind("reproduce", _study, f"{_TASKS}.reproduce", lambda _, __, result: plain(result["body"])),
+        ]
+
+    def kept_revision(self, telling: Telling, job: Job, result: Any) -> dict[str, Any]:
+        """Keep the revision of a fit, and return what is kept as the job's result."""
+        origin = result["provenance"]
+        self.revisions.keep(telling, result["revision"], origin["specimen"], origin | {"job": job.id}, _why(job))
+        return _body(result)
 
     def refit(self, request: Request) -> RefitInput:
         """Make the input of a refit."""

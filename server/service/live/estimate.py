@@ -7,7 +7,6 @@ envelopes instead of readings, the same reduction, and the same silence about va
 from __future__ import annotations
 
 import json
-from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import replace
@@ -25,6 +24,7 @@ from daq.recordings.windows import Span
 from daq.sessions.models import LoadCase
 from fingermodel.fingers.files import finger_names
 from server.service.live.traces import Rows
+from server.service.sessions.turns import Made
 
 MakePredict = Callable[[BenchSetup], Predict]
 Tares = Callable[[str, str | None, Span], Plateau | None]
@@ -49,20 +49,17 @@ class Predictions:
 
     def __init__(self, make: MakePredict | None, beside: Executor) -> None:
         self._make, self._beside = make, beside
-        self._known: OrderedDict[str, Future[Predict]] = OrderedDict()
+        self._known: Made[Future[Predict]] = Made(_MOST_PREDICTIONS)
 
     def of(self, setup: BenchSetup) -> Future[Predict] | None:
         """Begin to compute what predicts the identification cases: of validation cases the model is not even told."""
         blocks = [b for b in setup.protocol.blocks if b.role == "identification"]
-        if self._make is None or not blocks:
+        make = self._make
+        if make is None or not blocks:
             return None
         shown = replace(setup, protocol=setup.protocol.model_copy(update={"blocks": blocks}))
         key = json.dumps(shown.as_value(), sort_keys=True, default=str)
-        if key not in self._known:
-            self._known[key] = self._beside.submit(self._make, shown)
-            if len(self._known) > _MOST_PREDICTIONS:
-                self._known.popitem(last=False)
-        return self._known[key]
+        return self._known.of(key, lambda: self._beside.submit(make, shown))
 
 
 class SessionEstimate:

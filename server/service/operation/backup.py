@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from sqlalchemy import text
+
 from daq.errors import InputError
 from daq.export.tables import sha256_of
 from server.service.operation.folder import HeldError, folder_of, held, made, sqlite_of
@@ -85,14 +87,11 @@ def restore(settings: Settings, source: Path, *, force: bool = False) -> tuple[C
     with _not_running(settings), _written_beside(target) as temporary:
         copy(source, temporary, "ro")
         given = prove(temporary)
-        database = Database(f"sqlite:///{temporary}")
-        try:
+        with closing(Database(f"sqlite:///{temporary}")) as database:
             upgrade(database)
             with database.writing() as connection:
                 told = {"backup": source.name, "sha256": sha256_of(source), "revision": given.revision}
                 record(connection, "restored", None, told | {"sessions": given.sessions})
-        finally:
-            database.close()
         found = prove(temporary)
         aside = _set_aside(target, force)
         temporary.replace(target)
@@ -164,8 +163,7 @@ def prove(file: Path) -> Copy:
         raise InputError(f"the copy cannot be read ({error})", "a database of SQLite", "Take another backup") from error
     if faults:
         raise InputError(f"the copy is damaged ({faults[0]})", "a sound database", "Take another backup")
-    database = Database(f"sqlite:///{file}")
-    try:
+    with closing(Database(f"sqlite:///{file}")) as database:
         revision = check(database)
         # Before it is brought up to date, it may have no checksums.
         damaged = damage_of(database) if revision == expected() else ()
@@ -175,10 +173,7 @@ def prove(file: Path) -> Copy:
                 "rows whose checksums hold",
                 "Restore an earlier backup, or delete their sessions and remove them: fingertwin purge deleted",
             )
-        with database.reading() as connection:
-            sessions = int(connection.exec_driver_sql("SELECT count(*) FROM sessions").scalar_one())
-    finally:
-        database.close()
+        sessions = int(database.value(text("SELECT count(*) FROM sessions")))
     with closing(_open(file)) as connection:
         connection.execute("PRAGMA journal_mode=DELETE")
     return Copy(file, file.stat().st_size, revision, sessions)

@@ -236,9 +236,8 @@ def _alone(database: Database, log: str = "WAL") -> Iterator[Connection]:
     def prepare(connection: Any, _: Any) -> None:
         # A table that is copied is dropped meanwhile; its rows' references are checked at the end.
         # Of a new file: what is deleted can be given back to the disk bit by bit.
-        for pragma in ("auto_vacuum=INCREMENTAL", f"busy_timeout={_WAIT_MS}", f"journal_mode={log}"):
-            connection.execute(f"PRAGMA {pragma}")
-        for pragma in ("synchronous=FULL", "foreign_keys=OFF"):
+        first = ("auto_vacuum=INCREMENTAL", f"busy_timeout={_WAIT_MS}", f"journal_mode={log}")
+        for pragma in (*first, "synchronous=FULL", "foreign_keys=OFF"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")

@@ -57,9 +57,7 @@ def listed(
     return JsonAnswer({"entries": found, "faults": faults_of(database) if check else None})
 
 
-@router.get(
-    "/export", response_class=Response, responses=files({"jsonl": "application/jsonl"}, "The trail, an entry a line.")
-)
+@router.get("/export", response_class=Response, responses=files(["jsonl"], "The trail, an entry a line."))
 def export(request: Request, session: Session = None) -> Response:
     """Return the trail as lines of JSON, as `fingertwin audit` reads it."""
     lines = [json.dumps(asdict(e), ensure_ascii=False) + "\n" for e in entries(of(request).database, session)]

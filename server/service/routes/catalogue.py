@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request
 from pydantic import Field
 
-from daq.locations import data_dir
-from daq.sessions.protocols import plan, read_protocol
+from daq.sessions.protocols import plan, protocol_names, read_protocol
 from server.service.answers import JsonAnswer
 from server.service.schemas.common import Form, Plain, Shown, documented
 from server.service.services import of
@@ -110,19 +110,17 @@ def check_effect(body: NewEffect, request: Request) -> JsonAnswer:
 def protocols() -> JsonAnswer:
     """List the bench protocols."""
     rows = []
-    for path in sorted((data_dir() / "protocols").glob("*.yaml")):
-        protocol = read_protocol(path.stem)
+    for name in protocol_names():
+        protocol = read_protocol(name)
         planned, seconds = plan(protocol)
-        rows.append({"name": path.stem, "title": protocol.title, "cases": len(planned), "seconds": seconds})
+        rows.append({"name": name, "title": protocol.title, "cases": len(planned), "seconds": seconds})
     return JsonAnswer({"protocols": rows})
 
 
 @router.get("/protocols/{name}", responses=documented(Named))
 def protocol(name: Name) -> JsonAnswer:
     """Return a bench protocol with its load cases in order."""
-    from dataclasses import asdict
-
-    if name not in {p.stem for p in (data_dir() / "protocols").glob("*.yaml")}:
+    if name not in protocol_names():
         raise not_found("protocol", name, "/api/v1/protocols")
     found = read_protocol(name)
     cases = [asdict(c) for c in plan(found)[0]]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, get_args
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
 
 from server.service.answers import JsonAnswer
-from server.service.exports.exporting import REVISION_FORMATS, SESSION_FORMATS, revision_export, session_export
+from server.service.exports.exporting import RevisionFormat, SessionFormat, revision_export, session_export
 from server.service.exports.reports import checked, report_page, report_sheet
 from server.service.schemas.common import ModelName, RevisionId, SessionId, Shown, documented
 from server.service.schemas.figures import PlotlyFigure
@@ -20,8 +20,26 @@ from server.service.web.workers import run
 
 router = APIRouter(route_class=ReadingRoute, tags=["exports"])
 
-SessionFormat = Annotated[
-    Literal["csv", "columns", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "folder"],
+# Media types by format.
+MEDIA: Mapping[str, str] = {
+    "csv": "text/csv",
+    "columns": "application/json",
+    "parquet": "application/vnd.apache.parquet",
+    "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+    "hdf5": "application/x-hdf5",
+    "c3d": "application/octet-stream",
+    "mat": "application/x-matlab-data",
+    "supplement": "application/zip",
+    "folder": "application/zip",
+    "json": "application/json",
+    "osim": "application/xml",
+    "mjcf": "application/xml",
+    "finger": "application/yaml",
+    "html": "text/html",
+    "jsonl": "application/jsonl",
+}
+OfSession = Annotated[
+    SessionFormat,
     Query(
         alias="format",
         description="csv, parquet, xlsx: measured and predicted force of every load case; columns: unit, frame and "
@@ -30,8 +48,8 @@ SessionFormat = Annotated[
         "has it.",
     ),
 ]
-RevisionFormat = Annotated[
-    Literal["json", "csv", "columns", "parquet", "xlsx", "osim", "mjcf"],
+OfRevision = Annotated[
+    RevisionFormat,
     Query(
         alias="format",
         description="json: the document; csv, parquet, xlsx: its parameters; columns: of the csv; osim, mjcf: its "
@@ -73,17 +91,17 @@ class Checked(Shown):
     findings: list[FindingShown]
 
 
-def files(formats: Mapping[str, str], description: str) -> dict[int | str, dict[str, Any]]:
+def files(formats: Iterable[str], description: str) -> dict[int | str, dict[str, Any]]:
     """Return the documentation of an answer that is a file.
 
     Args:
-        formats: by name, with their media types.
+        formats: of MEDIA.
         description: of the file.
     """
     binary, plain = {"type": "string", "format": "binary"}, {"type": "object"}
     # What such a client reads of them is an object and no text.
     read = ("application/json", "application/yaml")
-    content = {k: {"schema": plain if k in read else binary} for k in dict.fromkeys(formats.values())}
+    content = {k: {"schema": plain if k in read else binary} for k in dict.fromkeys(MEDIA[f] for f in formats)}
     disposition = {"description": "attachment, with a file name", "schema": {"type": "string"}}
     answer = {"description": description, "content": content, "headers": {"Content-Disposition": disposition}}
     return {**{k: v for k, v in documented(Shown).items() if k != 200}, 200: answer}
@@ -92,10 +110,10 @@ def files(formats: Mapping[str, str], description: str) -> dict[int | str, dict[
 @router.get(
     "/sessions/{session}/export",
     response_class=Response,
-    responses=files(SESSION_FORMATS, "The file."),
+    responses=files(get_args(SessionFormat), "The file."),
 )
 async def export_session(
-    session: SessionId, request: Request, file_format: SessionFormat, model: ModelName = None
+    session: SessionId, request: Request, file_format: OfSession, model: ModelName = None
 ) -> FileAnswer:
     """Write a session for other software, as `fingertwin export` does.
 
@@ -103,18 +121,18 @@ async def export_session(
     """
     write = await run("readers", session_export, of(request), session, file_format, model)
     headers = {"Link": '<?format=columns>; rel="describedby"'} if file_format == "csv" else None
-    return await download(write, SESSION_FORMATS[file_format], headers)
+    return await download(write, MEDIA[file_format], headers)
 
 
 @router.get(
     "/revisions/{revision}/export",
     response_class=Response,
-    responses=files(REVISION_FORMATS, "The file."),
+    responses=files(get_args(RevisionFormat), "The file."),
 )
-async def export_revision(revision: RevisionId, request: Request, file_format: RevisionFormat = "json") -> FileAnswer:
+async def export_revision(revision: RevisionId, request: Request, file_format: OfRevision = "json") -> FileAnswer:
     """Write a revision's document, its parameters as a table, or its finger."""
     write = await run("readers", revision_export, of(request), revision, file_format)
-    return await download(write, REVISION_FORMATS[file_format])
+    return await download(write, MEDIA[file_format])
 
 
 @router.get("/sessions/{session}/check", responses=documented(Checked))
@@ -129,7 +147,7 @@ async def check(session: SessionId, request: Request) -> JsonAnswer:
 @router.get(
     "/sessions/{session}/report",
     response_class=Response,
-    responses=files({"html": "text/html"}, "A page that loads nothing from anywhere."),
+    responses=files(["html"], "A page that loads nothing from anywhere."),
 )
 async def report(session: SessionId, request: Request, model: ModelName = None, job: Job = None) -> Response:
     """Return the report of a session as one page to be saved: the comparison, and a diagnosis where a job is named.

@@ -25,7 +25,7 @@ from server.figures.style import NothingToDrawError
 from server.service.answers import JsonAnswer, Tagged
 from server.service.figures.answer import Theme, on_page, shown, shown_data, shown_or_why
 from server.service.figures.comparison import Only, drawn_comparison
-from server.service.figures.diagnosed import diagnosed
+from server.service.figures.diagnosed import diagnosed, done_job
 from server.service.figures.held_finger import held_finger
 from server.service.figures.parts import about_of, cases_led_to, resolved, spread_members, spread_of
 from server.service.figures.parts import settings_of as effect_settings
@@ -177,12 +177,7 @@ def shared(name: Name, job: OfJob, request: Request, theme: OnPage = "light", ma
     """Draw what several sessions share beyond the catalogue: the curve by tendon and joint, and chance's part in it."""
     parts = of(request)
     _require(name, SHARED)
-    found = parts.jobs.get(job)
-    if found.kind != "pooled":
-        raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis of several sessions")
-    if found.state != "done" or found.result is None:
-        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
-    answer = found.result
+    _, answer = done_job(parts, job, ("pooled",), "a diagnosis of several sessions")
     for session in answer["sessions"]:
         require_closed(parts.measuring.of(session))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pathlib
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
@@ -18,7 +18,7 @@ from server.figures.species import species_plots
 from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme, drawn_plots
 from server.service.figures.fingers import exported, finger_shown, known_finger
-from server.service.routes.exports import files
+from server.service.routes.exports import MEDIA, files
 from server.service.schemas.common import documented
 from server.service.schemas.fingers import (
     AskedScaling,
@@ -38,11 +38,11 @@ quick = APIRouter(route_class=ReadingRoute, prefix="/fingers", tags=["fingers"])
 slow = APIRouter(route_class=ApartRoute, prefix="/fingers", tags=["fingers"])
 
 Name = Annotated[str, Path(max_length=100, description="Of the finger.", examples=["an1979_middle"])]
+FingerFormat = Literal["finger", "osim", "mjcf"]
 Format = Annotated[
-    Literal["finger", "osim", "mjcf"],
+    FingerFormat,
     Query(alias="format", description="finger: finger/1 as YAML; osim: OpenSim 4; mjcf: MuJoCo."),
 ]
-MEDIA = {"finger": "application/yaml", "osim": "application/xml", "mjcf": "application/xml"}
 
 
 @quick.get(
@@ -67,7 +67,7 @@ def in_formats(finger: Name, request: Request) -> JsonAnswer:
     """Say which formats a finger can be exported to, and what each cannot say of it."""
     known_finger(finger)
     found: list[dict[str, Any]] = []
-    for file_format in MEDIA:
+    for file_format in get_args(FingerFormat):
         try:
             file, _, notes = exported(finger, file_format)
         except InputError:
@@ -76,7 +76,7 @@ def in_formats(finger: Name, request: Request) -> JsonAnswer:
     return JsonAnswer({"schema": "fingertwin/finger-formats/1", "formats": found})
 
 
-@slow.get("/{finger}/export", response_class=Response, responses=files(MEDIA, "The file."))
+@slow.get("/{finger}/export", response_class=Response, responses=files(get_args(FingerFormat), "The file."))
 def export(finger: Name, request: Request, file_format: Format) -> Response:
     """Write a finger for OpenSim or MuJoCo, or as the file that it is here."""
     name, text, _ = exported(known_finger(finger), file_format)

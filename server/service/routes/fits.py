@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import Limit, RevisionId, SessionId, Shown, documented
+from server.service.schemas.common import Form, Limit, RevisionId, SessionId, Shown, documented
 from server.service.schemas.fits import (
     AskedAddition,
     AskedDiagnosis,
@@ -37,7 +38,7 @@ _ACCEPTED = documented(JobShown, status=202)
 @router.post("/sessions/{session}/fits", status_code=202, responses=_ACCEPTED)
 def fit(session: SessionId, body: AskedFit, request: Request) -> JsonAnswer:
     """Refit a model to a session's identification cases; the revision comes into force when it is done."""
-    return _submitted(of(request), "refit", session, body.model_dump())
+    return _submitted(request, "refit", session, body)
 
 
 @router.get("/sessions/{session}/fits", responses=documented(JobList))
@@ -51,9 +52,7 @@ def add(session: SessionId, body: AskedAddition, request: Request) -> JsonAnswer
     """Add effects to a session's model or take some out, refit, and keep the revision."""
     if not body.add and not body.without:
         raise ProblemError(422, "no effect to add or to take out", "add or without, with names of GET /api/v1/effects")
-    parts = of(request)
-    parts.effects.named(body.add)
-    return _submitted(parts, "add", session, body.model_dump())
+    return _submitted(request, "add", session, body, body.add)
 
 
 @router.get("/sessions/{session}/revisions", responses=documented(RevisionList))
@@ -68,9 +67,7 @@ def session_revisions(session: SessionId, request: Request, limit: Limit = 100, 
 @router.post("/sessions/{session}/diagnoses", status_code=202, responses=_ACCEPTED)
 def diagnose(session: SessionId, body: AskedDiagnosis, request: Request) -> JsonAnswer:
     """Show where a session's model fails and which physical effect is missing, or say that the data cannot tell."""
-    parts = of(request)
-    parts.effects.named(body.effects)
-    return _submitted(parts, "diagnose", session, body.model_dump())
+    return _submitted(request, "diagnose", session, body, body.effects)
 
 
 @router.get("/sessions/{session}/diagnoses", responses=documented(JobList))
@@ -82,9 +79,7 @@ def diagnoses(session: SessionId, request: Request, limit: Limit = 100, after: O
 @router.post("/sessions/{session}/next", status_code=202, responses=_ACCEPTED)
 def next_cases(session: SessionId, body: AskedNext, request: Request) -> JsonAnswer:
     """Rank the load cases that would best tell the remaining explanations apart; freeze what they predict."""
-    parts = of(request)
-    parts.effects.named(body.effects)
-    return _submitted(parts, "next", session, body.model_dump())
+    return _submitted(request, "next", session, body, body.effects)
 
 
 @router.get("/sessions/{session}/next", responses=documented(JobList))
@@ -96,19 +91,15 @@ def next_list(session: SessionId, request: Request, limit: Limit = 100, after: O
 @router.post("/diagnoses", status_code=202, responses=_ACCEPTED)
 def diagnose_pooled(body: AskedPooled, request: Request) -> JsonAnswer:
     """Diagnose several sessions: each by itself, and what they share (a rig's fault shows across specimens)."""
-    parts = of(request)
-    parts.effects.named(body.effects)
     if len(set(body.sessions)) < len(body.sessions):
         raise ProblemError(422, "a session twice", "each session once")
-    return _submitted(parts, "pooled", None, body.model_dump(), body.sessions)
+    return _submitted(request, "pooled", None, body, body.effects)
 
 
 @router.post("/populations", status_code=202, responses=_ACCEPTED)
 def population(body: AskedPopulation, request: Request) -> JsonAnswer:
     """Refit (specimens × bootstrap × effects); an interrupted run goes on where it was."""
-    parts = of(request)
-    parts.effects.named([n for names in body.effects for n in names])
-    return _submitted(parts, "population", None, body.model_dump(), body.sessions)
+    return _submitted(request, "population", None, body, [n for names in body.effects for n in names])
 
 
 @router.get("/revisions", responses=documented(RevisionList))
@@ -148,12 +139,12 @@ def specimens(request: Request) -> JsonAnswer:
     return JsonAnswer({"specimens": of(request).revisions.specimens()})
 
 
-def _submitted(
-    parts: Services, kind: str, session: str | None, given: dict[str, Any], of_sessions: list[str] | None = None
-) -> JsonAnswer:
-    """Queue a job whose sessions can be used; whatever would fail at once is refused now."""
+def _submitted(request: Request, kind: str, session: str | None, body: Form, used: Sequence[str] = ()) -> JsonAnswer:
+    """Queue a job whose sessions and effects can be used; whatever would fail at once is refused now."""
+    parts, given = of(request), body.model_dump()
     timeout_s = given.pop("timeout_s")
-    for name in of_sessions or [session or ""]:
+    parts.effects.named(used)
+    for name in given.get("sessions", [session]):
         measured = parts.measuring.of(name)
         measured.require()
         require_closed(measured)

@@ -3,20 +3,36 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
+from pydantic import ConfigDict, Field
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
 from server.service.live.bench_socket import take
 from server.service.live.bodies import LiveMessage
 from server.service.live.route import live_router, refuse
-from server.service.schemas.benches import BenchCommand, Done
-from server.service.schemas.common import SessionId, Shown, documented
+from server.service.schemas.common import Form, SessionId, Shown, documented
 from server.service.services import of
 from server.service.web.problems import ProblemError
 from server.service.web.strict_requests import IngestRoute
 from server.service.web.workers import run
 
 router = APIRouter(route_class=IngestRoute, tags=["live"])
+
+
+class BenchCommand(Form):
+    """A command for a bench."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"command": "tare", "text": ""}})
+
+    command: str = Field(min_length=1, max_length=40, description="One that the bench lists in its `keys`.")
+    text: str = Field(default="", max_length=500, description="What belongs to it: a reason, a note, a known weight.")
+
+
+class Done(Shown):
+    """Command that the bench has carried out; its results follow as events."""
+
+    session: str
+    command: str
 
 
 @router.post("/sessions/{session}/live", status_code=204, responses=documented(Shown, status=422))

@@ -14,38 +14,32 @@ from server.service.uploads.new_sessions import draft, keep, lay, look
 from server.service.web.strict_requests import StrictRoute
 from server.service.web.workers import run
 
-looking = APIRouter(route_class=StrictRoute, prefix="/recordings", tags=["sessions"])
-keeping = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])
+router = APIRouter(route_class=StrictRoute, tags=["sessions"])
 
 
-@looking.post("/look", responses=documented(LookedAt))
+@router.post("/recordings/look", responses=documented(LookedAt))
 async def look_at(body: AskedLook, request: Request) -> JsonAnswer:
     """Look at a lab's recordings: channels, traces, plateaus, and which channel is which; nothing is kept."""
     return JsonAnswer(await run("apart", look, body.sent, body.mapping, body.theme))
 
 
-@looking.post("/lay", responses=documented(Laid))
+@router.post("/recordings/lay", responses=documented(Laid))
 async def lay_notebook(body: AskedLaying, request: Request) -> JsonAnswer:
     """Lay a notebook onto the plateaus of recordings, in order, with how sure each is; nothing is kept."""
     return JsonAnswer(await run("apart", lay, body.sent, body.mapping, body.notes, body.finger, body.theme))
 
 
-@looking.post("/draft", responses=documented(Drafted))
+@router.post("/recordings/draft", responses=documented(Drafted))
 async def draft_session(body: NewFromRecordings, request: Request) -> JsonAnswer:
     """Say what a session of recordings would lack, and which case looks like another load; nothing is kept."""
     return JsonAnswer(await run("apart", draft, body))
 
 
-@keeping.post(
-    "/recordings",
+@router.post(
+    "/imports/recordings",
     status_code=201,
     responses=documented(SessionImported, status=201) | {200: {"model": SessionImported}},
 )
 async def keep_recordings(body: NewFromRecordings, request: Request) -> JsonAnswer:
     """Make a session of recordings and keep it with its readings; the very same again is a success (200)."""
     return await imported(of(request), keep, body)
-
-
-router = APIRouter()
-router.include_router(looking)
-router.include_router(keeping)

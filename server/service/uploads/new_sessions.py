@@ -276,24 +276,19 @@ def draft(body: NewFromRecordings) -> dict[str, Any]:
 
     def judged(session: BenchSession, document: Mapping[str, Any]) -> dict[str, Any]:
         measured, findings = measure_and_check(session)
-        return {
+        told: dict[str, Any] = {
             "schema": SCHEMA,
             "cases": len(document["cases"]),
             "findings": [{"level": f.level, "where": f.where, "text": f.text} for f in findings],
             "missing": still_missing(document),
-            "looked_at": None,
-            "suspects": [],
-        } | _suspects(measured)
+        }
+        try:
+            found = suspects(Session.of(measured, catalogue=False))
+        except InputError as error:
+            return told | {"looked_at": str(error), "suspects": []}
+        return told | {"looked_at": None, "suspects": [vars(s) for s in found]}
 
     return _made(body, judged)
-
-
-def _suspects(measured: Any) -> dict[str, Any]:
-    try:
-        found = suspects(Session.of(measured, catalogue=False))
-    except InputError as error:
-        return {"looked_at": str(error)}
-    return {"suspects": [vars(s) for s in found]}
 
 
 def keep(parts: Services, body: NewFromRecordings) -> tuple[str, bool]:

@@ -41,7 +41,8 @@ def document_of(app: FastAPI) -> dict[str, Any]:
         for path in document["paths"].values():
             for method in _METHODS:
                 for status, answer in path.get(method, {}).get("responses", {}).items():
-                    _settle(status, answer)
+                    if status in ("204", "304"):
+                        answer.pop("content", None)  # nothing is sent
         _restore_nulls(document, schemas)
         document["components"].setdefault("securitySchemes", {})["bearer"] = _BEARER
         document["security"] = [{}, {"bearer": []}]
@@ -83,9 +84,3 @@ def _restore_nulls(value: Any, schemas: dict[str, Any]) -> None:
     for key, item in value.items():
         if key not in ("example", "examples"):
             _restore_nulls(item, schemas)
-
-
-def _settle(status: str, answer: dict[str, Any]) -> None:
-    """Take an answer's form away where nothing is sent."""
-    if status in ("204", "304"):
-        answer.pop("content", None)

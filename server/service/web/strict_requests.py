@@ -102,13 +102,11 @@ class StrictRoute(APIRoute):
 
     Attributes:
         workers: that kind.
+        only_read: methods of which a request needs what is stored, and nothing else of the running service.
     """
 
     workers: Kind = "readers"
-
-    def only_reads(self, request: Request) -> bool:
-        """Return whether a request needs what is stored, and nothing else of the running service."""
-        return False
+    only_read: frozenset[str] = frozenset()
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **more: Any) -> None:
         super().__init__(path, threaded(self.workers, endpoint), **more)
@@ -131,7 +129,7 @@ class StrictRoute(APIRoute):
             except ClientDisconnect as error:
                 raise GoneError from error
             elsewhere: Elsewhere | None = getattr(request.app.state, "reader_process", None)
-            if elsewhere is not None and self.only_reads(asked):
+            if elsewhere is not None and asked.method in self.only_read:
                 answer = await elsewhere.answer(asked)
                 if answer is not None:
                     return answer
@@ -144,17 +142,13 @@ class StrictRoute(APIRoute):
 class ReadingRoute(StrictRoute):
     """A route of which whatever is asked with GET is answered by the readers' process, where there is one."""
 
-    def only_reads(self, request: Request) -> bool:
-        """Return whether it asks."""
-        return request.method == "GET"
+    only_read = frozenset({"GET"})
 
 
 class AskingRoute(ReadingRoute):
     """A route that keeps nothing, however it is asked: POST where a question is too long for an address."""
 
-    def only_reads(self, request: Request) -> bool:
-        """Return that it only answers."""
-        return True
+    only_read = frozenset({"GET", "POST"})
 
 
 class ApartRoute(AskingRoute):
