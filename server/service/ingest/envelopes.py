@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,6 @@ ENVELOPE = np.dtype(
 )
 Rows = NDArray[np.void]
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Chunks are remembered in groups of so many samples, in rows of so much time or so many samples.
 GROUP, FINE_S, FINE_SAMPLES = 1 << 14, 0.04, 16
@@ -235,24 +235,21 @@ def _within(found: Samples, window: Span) -> Samples:
 
 def _enveloped(samples: Samples, starts: NDArray[np.intp]) -> Rows:
     """Return one envelope of the samples from each start to the next."""
-    t_s, wrench = samples.t_s, samples.wrench
-    return _reduced(starts, t_s, t_s, np.ones(len(t_s), np.int64), samples.flagged.astype(np.int64), wrench, wrench)
+    each = {"from_s": samples.t_s, "to_s": samples.t_s, "least": samples.wrench, "most": samples.wrench}
+    counts = {"count": np.ones(len(samples.t_s), np.int64), "flagged": samples.flagged.astype(np.int64)}
+    return _merged(each | counts, starts)
 
 
-def _merged(rows: Rows, starts: NDArray[np.intp]) -> Rows:
-    """Return one envelope of the rows from each start to the next."""
-    return _reduced(starts, *(rows[name] for name in ENVELOPE.names or ()))
-
-
-def _reduced(
-    starts: NDArray[np.intp], from_s: Floats, to_s: Floats, count: Ints, flagged: Ints, least: Floats, most: Floats
-) -> Rows:
+def _merged(rows: Rows | Mapping[str, NDArray[Any]], starts: NDArray[np.intp]) -> Rows:
+    """Return one envelope of the rows, or of columns by name, from each start to the next."""
     out = np.empty(len(starts), ENVELOPE)
     if len(starts):
-        out["from_s"], out["to_s"] = from_s[starts], to_s[np.append(starts[1:], len(to_s)) - 1]
-        out["count"], out["flagged"] = np.add.reduceat(count, starts), np.add.reduceat(flagged, starts)
-        out["least"] = np.fmin.reduceat(least, starts, axis=0)
-        out["most"] = np.fmax.reduceat(most, starts, axis=0)
+        out["from_s"] = rows["from_s"][starts]
+        out["to_s"] = rows["to_s"][np.append(starts[1:], len(rows["to_s"])) - 1]
+        for name in ("count", "flagged"):
+            out[name] = np.add.reduceat(rows[name], starts)
+        out["least"] = np.fmin.reduceat(rows["least"], starts, axis=0)
+        out["most"] = np.fmax.reduceat(rows["most"], starts, axis=0)
     return out
 
 

@@ -51,6 +51,15 @@ class Reduced:
     waiting: dict[Span, str] = field(default_factory=dict)
     failed: dict[Span, ReadingsError] = field(default_factory=dict)
 
+    def take(self, window: Span, end: Plateau | ReadingsError | str) -> None:
+        """Take what has become of a window; words say what is missing of it."""
+        if isinstance(end, Plateau):
+            self.plateaus[window] = end
+        elif isinstance(end, ReadingsError):
+            self.failed[window] = end
+        else:
+            self.waiting[window] = end
+
 
 class Windows:
     """Reduces windows, and remembers them: readings that are stored never change.
@@ -77,12 +86,10 @@ class Windows:
         for window in windows:
             with self._lock:
                 found = self._known.get((session, stream or "", window))
-            if isinstance(found, Plateau):
-                out.plateaus[window] = found
-            elif found is not None:
-                out.failed[window] = found
-            else:
+            if found is None:
                 new.append(window)
+            else:
+                out.take(window, found)
         if new:
             with self._database.reading() as connection:
                 state = None if stream is None else stream_row(connection, session, stream)
@@ -92,7 +99,7 @@ class Windows:
                 if whole and self._together(connection, session, stream, {w: windows[w] for w in new}, out):
                     return out
                 for window in new:
-                    self._reduce(connection, session, stream, window, windows[window], out, whole=whole)
+                    out.take(window, self._end(connection, (session, stream, window), windows[window], whole))
         return out
 
     def one(self, session: str, stream: str | None, window: Span) -> Plateau | None:
@@ -114,36 +121,25 @@ class Windows:
         self._remember({(session, stream, window): plateau for window, plateau in found.items()})
         return True
 
-    def _reduce(
-        self,
-        connection: Connection,
-        session: str,
-        stream: str,
-        window: Span,
-        name: str,
-        out: Reduced,
-        *,
-        whole: bool,
-    ) -> None:
-        lacks = _lacking(connection, session, stream, window, whole)
-        if lacks:
-            out.waiting[window] = lacks
-            return
+    def _end(self, connection: Connection, key: _Key, name: str, whole: bool) -> Plateau | ReadingsError | str:
+        """Return what becomes of one window: reduced, failed, or in words what is missing of it."""
+        session, stream, window = key
+        if lacks := _lacking(connection, session, stream, window, whole):
+            return lacks
         found: Plateau | ReadingsError
         try:
             found = gather(blocks_of(connection, session, stream, window), {window: name}, _WHERE).plateaus[window]
-            out.plateaus[window] = found
         except OutsideError:
             # Only the chunks near the window were read; the message tells of the whole recording.
             span = select(func.min(chunks.c.first_s), func.max(chunks.c.last_s)).where(in_stream(session, stream))
             first_s, last_s = connection.execute(span).one()
             # Not remembered: a log that has ended may be gone on with, and another case may have the same window.
-            out.failed[window] = outside(window, name, first_s, last_s, _WHERE)
-            return
+            return outside(window, name, first_s, last_s, _WHERE)
         except ReadingsError as error:
             # Without what it was raised in: it is kept.
-            found = out.failed[window] = error.with_traceback(None)
-        self._remember({(session, stream, window): found})
+            found = error.with_traceback(None)
+        self._remember({key: found})
+        return found
 
     def _remember(self, found: Mapping[_Key, Plateau | ReadingsError]) -> None:
         with self._lock:

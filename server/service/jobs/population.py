@@ -14,7 +14,6 @@ in which they are computed changes anything.
 from __future__ import annotations
 
 import hashlib
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
@@ -31,6 +30,7 @@ from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.inputs import PopulationInput
 from server.service.jobs.population_summary import Result, summarise
 from server.service.jobs.worker import Tell
+from server.service.sessions.turns import Made
 
 if TYPE_CHECKING:
     from fingermodel.comparison.comparison import Comparison
@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from fingermodel.session import Session
 
 # Benches that a process keeps open between fits.
-_KEPT_OPEN = 8
-_open: OrderedDict[tuple[str, bool], Session] = OrderedDict()
+_open: Made[Session] = Made(8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +181,4 @@ def _result(part: Part, bench: Session, fit: Fit, after: Comparison) -> Result:
 
 def _opened(part: Part) -> Session:
     """Open a bench, or take it from those that this process has opened before."""
-    key = part.fingerprint, part.catalogue
-    bench = _open.pop(key, None) or part.bench.open(catalogue=part.catalogue)
-    _open[key] = bench
-    while len(_open) > _KEPT_OPEN:
-        _open.popitem(last=False)
-    return bench
+    return _open.of((part.fingerprint, part.catalogue), lambda: part.bench.open(catalogue=part.catalogue))

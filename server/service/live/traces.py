@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import OrderedDict, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -61,25 +61,19 @@ def rows_of_chunk(chunk: Chunk, after_s: float = -np.inf) -> Rows:
         return np.empty(0, ENVELOPE)
     wrench = chunk.wrench[wanted]
     wrench = np.where(np.abs(wrench) <= MOST, wrench, np.nan)
-    starts = starts_of(np.floor(t / WINDOW_S))
-    out = np.empty(len(starts), ENVELOPE)
-    out["from_s"], out["to_s"] = np.minimum.reduceat(t, starts), np.maximum.reduceat(t, starts)
-    out["count"] = np.diff(starts, append=len(t))
-    out["least"], out["most"] = np.fmin.reduceat(wrench, starts, axis=0), np.fmax.reduceat(wrench, starts, axis=0)
-    out["latest"] = wrench[np.append(starts[1:], len(t)) - 1]
-    out["mean"] = _means(wrench, np.ones(len(t)), starts)
-    out["overload"] = np.logical_or.reduceat(flagged, starts)
-    return out
+    each = {"from_s": t, "to_s": t, "count": np.ones(len(t), np.int64), "overload": flagged}
+    each |= dict.fromkeys(("least", "most", "latest", "mean"), wrench)
+    return merged(each, starts_of(np.floor(t / WINDOW_S)))
 
 
-def merged(rows: Rows, starts: NDArray[np.intp]) -> Rows:
-    """Return one envelope of the rows from each start to the next."""
+def merged(rows: Rows | Mapping[str, NDArray[Any]], starts: NDArray[np.intp]) -> Rows:
+    """Return one envelope of the rows, or of columns by name, from each start to the next."""
     out = np.empty(len(starts), ENVELOPE)
     out["from_s"], out["to_s"] = np.minimum.reduceat(rows["from_s"], starts), np.maximum.reduceat(rows["to_s"], starts)
     out["count"] = np.add.reduceat(rows["count"], starts)
     out["least"] = np.fmin.reduceat(rows["least"], starts, axis=0)
     out["most"] = np.fmax.reduceat(rows["most"], starts, axis=0)
-    out["latest"] = rows["latest"][np.append(starts[1:], len(rows)) - 1]
+    out["latest"] = rows["latest"][np.append(starts[1:], len(rows["latest"])) - 1]
     out["mean"] = _means(rows["mean"], rows["count"].astype(float), starts)
     out["overload"] = np.logical_or.reduceat(rows["overload"], starts)
     return out

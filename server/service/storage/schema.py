@@ -7,6 +7,7 @@ from sqlalchemy import (
     Boolean,
     Column,
     Float,
+    ForeignKey,
     ForeignKeyConstraint,
     Index,
     Integer,
@@ -16,6 +17,7 @@ from sqlalchemy import (
     Table,
     Text,
 )
+from sqlalchemy.schema import SchemaItem
 
 from server.service.storage.checksums import Sealed
 
@@ -32,9 +34,13 @@ COUNT = BigInteger().with_variant(Integer, "sqlite")
 
 metadata = MetaData(naming_convention=NAMES)
 
-sessions = Table(
+
+def _table(name: str, *columns: SchemaItem) -> Table:
+    return Table(name, metadata, *columns)
+
+
+sessions = _table(
     "sessions",
-    metadata,
     Column("id", NAME, primary_key=True),
     Column("created_utc", TIME, nullable=False),
     # What was posted as bench-session/1; null where a bench's events are the record.
@@ -49,10 +55,9 @@ sessions = Table(
     Column("arriving", Boolean),
 )
 
-streams = Table(
+streams = _table(
     "streams",
-    metadata,
-    Column("session", NAME, primary_key=True),
+    Column("session", NAME, ForeignKey("sessions.id"), primary_key=True),
     Column("id", NAME, primary_key=True),
     Column("number", Integer, nullable=False),
     Column("description", Text, nullable=False),
@@ -62,12 +67,10 @@ streams = Table(
     Column("held", COUNT, nullable=False, default=0),
     Column("ended", Boolean, nullable=False, default=False),
     Column("epoch", NAME),
-    ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
 
-chunks = Table(
+chunks = _table(
     "chunks",
-    metadata,
     Column("session", NAME, primary_key=True),
     Column("stream", NAME, primary_key=True),
     Column("first_seq", COUNT, primary_key=True, autoincrement=False),
@@ -81,63 +84,54 @@ chunks = Table(
     Index(None, "session", "stream", "last_s"),
 )
 
-events = Table(
+events = _table(
     "events",
-    metadata,
-    Column("session", NAME, primary_key=True),
+    Column("session", NAME, ForeignKey("sessions.id"), primary_key=True),
     Column("epoch", NAME, primary_key=True),
     Column("number", COUNT, primary_key=True, autoincrement=False),
     # In which it came; epochs follow each other in this order.
     Column("arrival", COUNT, nullable=False),
     Column("sha256", DIGEST, nullable=False),
     Column("body", Text, nullable=False),
-    ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
 
 # What people changed of a session afterwards: a case added, a window moved, an exclusion, and undoing it.
-edits = Table(
+edits = _table(
     "edits",
-    metadata,
     Column("number", COUNT, primary_key=True, autoincrement=True),
-    Column("session", NAME, nullable=False, index=True),
+    Column("session", NAME, ForeignKey("sessions.id"), nullable=False, index=True),
     Column("created_utc", TIME, nullable=False),
     Column("author", NAME),
     Column("kind", String(20), nullable=False),
     Column("case", NAME),
     Column("body", Sealed("body of edits")),
     Column("undoes", COUNT),
-    ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
 
-revisions = Table(
+revisions = _table(
     "revisions",
-    metadata,
     Column("id", NAME, primary_key=True),
     Column("specimen", NAME, nullable=False, index=True),
-    Column("session", NAME, nullable=False, index=True),
+    Column("session", NAME, ForeignKey("sessions.id"), nullable=False, index=True),
     Column("parent", NAME, nullable=False),
     Column("created_utc", TIME, nullable=False),
     Column("document", Sealed("document of revisions"), nullable=False),
     # Which readings, corrections, model, job and version of the software it came from.
     Column("provenance", Sealed("provenance of revisions"), nullable=False),
-    ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
 
 # Which revision stands for a specimen: the latest row; restoring an older one adds a row.
-heads = Table(
+heads = _table(
     "heads",
-    metadata,
     Column("number", COUNT, primary_key=True, autoincrement=True),
     Column("specimen", NAME, nullable=False, index=True),
-    Column("revision", NAME, nullable=False),
+    Column("revision", NAME, ForeignKey("revisions.id"), nullable=False),
     Column("created_utc", TIME, nullable=False),
     Column("why", Text, nullable=False),
-    ForeignKeyConstraint(["revision"], ["revisions.id"]),
 )
 
-jobs = Table(
+jobs = _table(
     "jobs",
-    metadata,
     Column("id", NAME, primary_key=True),
     Column("number", COUNT, nullable=False, unique=True),
     Column("kind", String(40), nullable=False),
@@ -158,40 +152,34 @@ jobs = Table(
 )
 
 # Finished parts of a job that is done in parts; a job that is taken up again does only the others.
-job_parts = Table(
+job_parts = _table(
     "job_parts",
-    metadata,
-    Column("job", NAME, primary_key=True),
+    Column("job", NAME, ForeignKey("jobs.id"), primary_key=True),
     Column("part", NAME, primary_key=True),
     Column("result", Sealed("result of job_parts"), nullable=False),
-    ForeignKeyConstraint(["job"], ["jobs.id"]),
 )
 
 # Predictions of live explanations, stored before the cases are measured.
-frozen = Table(
+frozen = _table(
     "frozen",
-    metadata,
     Column("sha256", DIGEST, primary_key=True),
     Column("specimen", NAME, nullable=False, index=True),
-    Column("session", NAME, nullable=False),
+    Column("session", NAME, ForeignKey("sessions.id"), nullable=False),
     Column("created_utc", TIME, nullable=False),
     Column("document", Sealed("document of frozen"), nullable=False),
-    ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
 
 # The users' own effects; a name once taken keeps its meaning.
-own_effects = Table(
+own_effects = _table(
     "own_effects",
-    metadata,
     Column("name", NAME, primary_key=True),
     Column("created_utc", TIME, nullable=False),
     Column("document", Sealed("document of own_effects"), nullable=False),
 )
 
 # What is told live and can be asked for after a pause; traces are not kept.
-messages = Table(
+messages = _table(
     "messages",
-    metadata,
     Column("id", COUNT, primary_key=True, autoincrement=True),
     Column("session", NAME, index=True),
     Column("kind", String(40), nullable=False),
@@ -199,9 +187,8 @@ messages = Table(
     Column("body", Sealed("body of messages"), nullable=False),
 )
 
-tokens = Table(
+tokens = _table(
     "tokens",
-    metadata,
     Column("id", NAME, primary_key=True),
     Column("name", NAME, nullable=False),
     Column("sha256", DIGEST, nullable=False, unique=True),
@@ -213,9 +200,8 @@ tokens = Table(
 )
 
 # Every change, by whom, when and from where; the database itself refuses to change or remove a row.
-audit = Table(
+audit = _table(
     "audit",
-    metadata,
     Column("number", COUNT, primary_key=True, autoincrement=False),
     Column("at_utc", TIME, nullable=False),
     Column("who", NAME, nullable=False),

@@ -11,6 +11,7 @@ import pytest
 from fingermodel.effects import catalogue
 from server.service.jobs import inputs, population, tasks
 from server.service.jobs.worker import Tell
+from server.service.sessions.turns import Made
 
 HERE = __name__
 _fit_part = population.fit_part
@@ -23,9 +24,9 @@ def few_effects() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(catalogue, "CATALOGUE", catalogue.CATALOGUE)
         patch.setattr(population, "fit_part", fit_part)
+        patch.setattr(population, "_open", Made(8))
         leave_few()
         yield
-    population._open.clear()
 
 
 def leave_few() -> None:
