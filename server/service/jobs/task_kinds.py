@@ -138,13 +138,12 @@ def _document(measured: Measured) -> dict[str, Any]:
     if document is None or session is None:
         raise InputError(f"session {measured.record.id} has no measured load case", "at least one")
     done = {c.id for c in session.cases}
-    kept = [w.model_dump(mode="json") for w in session.checks]
+    kept = [w.model_dump(mode="json", exclude_none=True) for w in session.checks]
     out = document | {"cases": [c for c in document["cases"] if c["id"] in done]}
     if "amendments" in out:
         out["amendments"] = [a for a in out["amendments"] if a["case"] in done]
-    out |= {"checks": [{k: v for k, v in w.items() if v is not None} for w in kept]} if kept else {}
-    if not kept:
-        out.pop("checks", None)
+    out.pop("checks", None)
+    out |= {"checks": kept} if kept else {}
     if not isinstance(session.tension_factor, TensionEstimate):
         # Where it could not be estimated, the published one stands in.
         out["tension_factor"] = session.tension_factor

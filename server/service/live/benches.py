@@ -66,13 +66,13 @@ class Benches:
         if self.holds(bench):
             del self._connected[bench.session]
             if bench.shown is not None:
-                self._tell(bench.session, None)
+                self._publish(Message("bench", bench.session, _body(None)))
 
     def show(self, bench: Bench, shown: BenchShown) -> None:
         """Take what a bench waits for."""
         if self.holds(bench) and shown != bench.shown:
             bench.shown = shown
-            self._tell(bench.session, shown)
+            self._publish(Message("bench", bench.session, _body(shown)))
 
     def answered(self, bench: Bench, answer: Answer) -> None:
         """Take a bench's answer to a command."""
@@ -128,9 +128,6 @@ class Benches:
             bench.asked.pop(number, None)
         if refused is not None:
             raise ProblemError(409, refused, "", "")
-
-    def _tell(self, session: str, shown: BenchShown | None) -> None:
-        self._publish(Message("bench", session, _body(shown)))
 
 
 def _body(shown: BenchShown | None) -> dict[str, Any]:

@@ -210,7 +210,8 @@ def _set_aside(target: Path, force: bool) -> Path | None:
         raise InputError(
             f"there is a database in {target.parent}", "none, or --force", "With --force it is kept under another name"
         )
-    aside = _other_name(target)
+    at = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%S%f")
+    aside = target.with_name(f"{target.stem}-before-restore-{at}{target.suffix}")
     try:
         # What is in its log goes into its file, and the log goes: where nobody else has it open.
         with closing(_open(target)) as connection:
@@ -237,11 +238,6 @@ def _set_aside(target: Path, force: bool) -> Path | None:
 
 def _in_use(target: Path) -> InputError:
     return InputError(f"{target} is in use", "nobody who has it open", "End the other program, then restore")
-
-
-def _other_name(target: Path) -> Path:
-    at = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%S%f")
-    return target.with_name(f"{target.stem}-before-restore-{at}{target.suffix}")
 
 
 def _open(file: Path, mode: str = "rw") -> sqlite3.Connection:

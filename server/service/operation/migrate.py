@@ -23,6 +23,20 @@ SCRIPTS = "server.service:migrations"
 # Of PostgreSQL's advisory lock: two services that start on one database upgrade it one after the other.
 LOCK = 0x66_74_77_69_6E
 _WAIT_MS = 60_000
+_OURS = "one of fingertwin's"
+_RESTORE = "Restore a backup: fingertwin restore"
+_UNWRITABLE = ("a folder on a disk that may be written", "Check its rights, or give another with --data")
+# By words of what SQLite says, the first that fit: whether it may pass, what is found, what is expected, what to do.
+# A folder that cannot be written stays so; a full disk, no free descriptor or a lost mount do not.
+_FAULTS: tuple[tuple[tuple[str, ...], type[InputError], str, str, str], ...] = (
+    (("not a database",), InputError, "is no SQLite database", _OURS, "Give another folder with --data"),
+    (("malformed", "corrupt"), InputError, "is damaged ({said})", "a sound database", _RESTORE),
+    (("locked", "busy"), LaterError, "is in use ({said})", "nobody else who writes it", "End the other program"),
+    (("no such",), InputError, "lacks what its version has ({said})", "all of its tables", _RESTORE),
+    (("disk I/O",), LaterError, "cannot be written ({said})", *_UNWRITABLE),
+    (("readonly", "unable to open"), InputError, "cannot be written ({said})", *_UNWRITABLE),
+    (("",), InputError, "cannot be used ({said})", "a database of fingertwin's", ""),
+)
 
 
 @cache
@@ -194,12 +208,6 @@ def unusable(database: Database, error: DBAPIError) -> InputError:
             "a PostgreSQL server that answers, with a database that may be written",
             "Check its address, name and password",
         )
-    if "not a database" in said:
-        return InputError(f"{file} is no SQLite database", "one of fingertwin's", "Give another folder with --data")
-    if "malformed" in said or "corrupt" in said:
-        return InputError(f"{file} is damaged ({said})", "a sound database", "Restore a backup: fingertwin restore")
-    if "locked" in said or "busy" in said:
-        return LaterError(f"{file} is in use ({said})", "nobody else who writes it", "End the other program")
     if "full" in said:
         # A purge writes, too; what the log holds may need as much room again in the file.
         log = file.with_name(f"{file.name}-wal")
@@ -209,18 +217,8 @@ def unusable(database: Database, error: DBAPIError) -> InputError:
             f"{least_MB} MB of free space, also for a purge",
             "Move other files off this disk, such as backups and former databases, and try again",
         )
-    if "no such" in said:
-        return InputError(
-            f"{file} lacks what its version has ({said})", "all of its tables", "Restore a backup: fingertwin restore"
-        )
-    if "readonly" in said or "unable to open" in said or "disk I/O" in said:
-        # A folder that cannot be written stays so; a full disk, no free descriptor or a lost mount do not.
-        return (LaterError if "disk I/O" in said else InputError)(
-            f"{file} cannot be written ({said})",
-            "a folder on a disk that may be written",
-            "Check its rights, or give another with --data",
-        )
-    return InputError(f"{file} cannot be used ({said})", "a database of fingertwin's")
+    _, kind, found, expected, remedy = next(f for f in _FAULTS if any(words in said for words in f[0]))
+    return kind(f"{file} {found.format(said=said)}", expected, remedy)
 
 
 @contextmanager

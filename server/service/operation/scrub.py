@@ -59,13 +59,10 @@ def read_all(database: Database) -> Iterator[Read]:
             kind = LargeBinary() if table is chunks else Text()
             query = query.add_columns(type_coerce(_SENT[table], kind).label("sent"), table.c.sha256)
         query = query.order_by(*key).limit(_FEW if table is chunks else _ROWS)
-        rows: Sequence[Row[Any]] = ()
-        while True:
-            more = query if not rows else query.where(tuple_(*key) > tuple_(*rows[-1][: len(key)]))
-            rows = database.rows(more)
-            if not rows:
-                break
+        more = query
+        while rows := database.rows(more):
             yield _looked(table, len(key), [c.name for c in checked], rows)
+            more = query.where(tuple_(*key) > tuple_(*rows[-1][: len(key)]))
 
 
 def damage_of(database: Database) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -76,7 +76,6 @@ class Record:
     stream: str | None
     created_utc: str
     problem: InputError | None = None
-    _session: list[Session] = field(default_factory=list)
 
     def require_document(self) -> dict[str, Any]:
         """Return the document.
@@ -124,10 +123,9 @@ class Record:
         Raises:
             SessionError: it has no case, or cannot be used.
         """
-        if not self._session:
-            self._session.append(self._parsed())
-        return self._session[0]
+        return self._parsed
 
+    @cached_property
     def _parsed(self) -> Session:
         if self.problem is not None:
             raise self.problem

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime as dt
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -65,9 +65,8 @@ def purge(
     until = (dt.datetime.now(dt.UTC) - dt.timedelta(days=older_days)).isoformat(timespec="milliseconds")
     if what == "deleted":
         names = _deleted(database, until, session)
-        with database.reading() as connection:
-            size = select(func.count(), func.coalesce(func.sum(func.length(chunks.c.payload)), 0))
-            counts = [connection.execute(size.where(chunks.c.session == name)).one() for name in names]
+        size = select(func.count(), func.coalesce(func.sum(func.length(chunks.c.payload)), 0))
+        counts = [database.rows(size.where(chunks.c.session == name))[0] for name in names]
         if not dry_run:
             for name in names:
                 erase(database, name)
@@ -185,15 +184,8 @@ def _old_messages(until: str) -> ColumnElement[bool]:
 
 
 def _remove(database: Database, table: Table, which: ColumnElement[bool]) -> None:
-    for keys in _keys(database, table, which):
+    key = table.primary_key.columns
+    query = select(*key).where(which).limit(_CHUNKS if table is chunks else _ROWS)
+    while found := [tuple(row) for row in database.rows(query)]:
         with database.writing() as connection:
-            connection.execute(delete(table).where(tuple_(*table.primary_key.columns).in_(keys)))
-
-
-def _keys(database: Database, table: Table, which: ColumnElement[bool]) -> Iterator[list[tuple[Any, ...]]]:
-    most = _CHUNKS if table is chunks else _ROWS
-    while True:
-        found = database.rows(select(*table.primary_key.columns).where(which).limit(most))
-        if not found:
-            return
-        yield [tuple(row) for row in found]
+            connection.execute(delete(table).where(tuple_(*key).in_(found)))

@@ -6,7 +6,7 @@ import asyncio
 import functools
 import inspect
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from contextvars import ContextVar
 from typing import Any, Literal, TypeVar
@@ -82,8 +82,7 @@ async def watched(receive: Callable[[], Awaitable[Message]]) -> AsyncIterator[No
             pass
         gone.set()
 
-    coroutine: Coroutine[Any, Any, None] = watch()
-    watching = asyncio.get_running_loop().create_task(coroutine)
+    watching = asyncio.create_task(watch())
     before = _gone.set(gone)
     try:
         yield
