@@ -36,11 +36,10 @@ def session_folder(parts: Services, measured: Measured) -> Iterator[tuple[Path, 
     with TemporaryDirectory(prefix="fingertwin-") as temporary:
         folder = Path(temporary) / measured.record.id
         folder.mkdir()
-        yield folder, _beside_readings(parts, measured, folder)
+        yield folder, _written(parts, measured, folder)
 
 
-def _beside_readings(parts: Services, measured: Measured, folder: Path) -> Session:
-    """Write a session's readings and the finger that it brings with it; return the session as kept in that folder."""
+def _written(parts: Services, measured: Measured, folder: Path) -> Session:
     record = measured.record
     whole = record.session()
     data = dict(record.document or {})

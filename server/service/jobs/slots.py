@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Literal
@@ -104,16 +105,12 @@ class Slot:
             if outcome.ending not in ("done", "refused", "failed"):
                 self._discard()
                 self.tried = False
-            self._tell_end(order, outcome)
+            if outcome.trace:
+                _log.error("job %s failed: %s\n%s", order.id, outcome.found, outcome.trace)
+            elif outcome.ending in ("died", "timed_out"):
+                _log.error("job %s failed: %s", order.id, outcome.found)
+            order.tell(partial(order.watcher.ended, outcome))
         self._discard()
-
-    @staticmethod
-    def _tell_end(order: Order, outcome: Outcome) -> None:
-        if outcome.trace:
-            _log.error("job %s failed: %s\n%s", order.id, outcome.found, outcome.trace)
-        elif outcome.ending in ("died", "timed_out"):
-            _log.error("job %s failed: %s", order.id, outcome.found)
-        order.tell(lambda: order.watcher.ended(outcome))
 
     def _carry_out(self, order: Order) -> Outcome:
         try:
@@ -142,9 +139,9 @@ class Slot:
                     case ("taken",):
                         taken = True
                     case ("progress", fraction, stage):
-                        order.tell(lambda f=fraction, s=stage: watcher.progressed(f, s))  # type: ignore[misc]
+                        order.tell(partial(watcher.progressed, fraction, stage))
                     case ("part", key, result):
-                        order.tell(lambda k=key, r=result: watcher.part(k, r))  # type: ignore[misc]
+                        order.tell(partial(watcher.part, key, result))
                     case ("ended", Outcome() as outcome):
                         return outcome
         except (EOFError, OSError):

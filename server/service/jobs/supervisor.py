@@ -6,6 +6,7 @@ import atexit
 import threading
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from server.service.jobs.orders import Order, Outcome
@@ -87,7 +88,7 @@ class Supervisor:
                 slot.stop()
             self._changed.notify_all()
         for order in waiting:
-            order.tell(lambda o=order: o.watcher.ended(Outcome("stopped")))  # type: ignore[misc]
+            order.tell(partial(order.watcher.ended, Outcome("stopped")))
         if self._started:
             for slot in self._slots:
                 slot.thread.join()

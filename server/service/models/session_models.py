@@ -30,7 +30,6 @@ from server.service.storage.schema import chunks
 from server.service.web.problems import ProblemError, shortened
 
 if TYPE_CHECKING:
-    from fingermodel.comparison.comparison import Comparison
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
     from fingermodel.stages import Effect
@@ -169,18 +168,15 @@ class SessionModels:
         asked = self._resolved(model, measured)
 
         def made() -> Tagged:
-            bench = self.bench(measured, asked)
-            return Tagged.of(self.compared_body(measured, bench, compare(bench)))
+            bench, states = self.bench(measured, asked), measured.states
+            whole = compare(bench)
+            shown = seen(measured, whole)
+            blinded = [] if measured.record.closed else [c.id for c in whole.cases if c.role == "validation"]
+            rest = {s: {i: c.why for i, c in states.items() if c.state == s} for s in ("waiting", "failed", "excluded")}
+            body = {"schema": "fingertwin/compare/1"} | provenance(bench) | shown.as_dict() | rest
+            return Tagged.of(body | {"blinded": blinded, "provenance": self.provenance(measured, bench)})
 
         return self._compared.of((measured.key, asked), made)
-
-    def compared_body(self, measured: Measured, bench: Session, comparison: Comparison) -> dict[str, Any]:
-        """Return the contract's comparison, blind where it has to be, with what it came from."""
-        blinded = [] if measured.record.closed else [c.id for c in comparison.cases if c.role == "validation"]
-        comparison, states = seen(measured, comparison), measured.states
-        rest = {s: {i: c.why for i, c in states.items() if c.state == s} for s in ("waiting", "failed", "excluded")}
-        body = {"schema": "fingertwin/compare/1"} | provenance(bench) | comparison.as_dict() | rest
-        return body | {"blinded": blinded, "provenance": self.provenance(measured, bench)}
 
     def provenance(self, measured: Measured, bench: Session, *, digest: bool = False) -> dict[str, Any]:
         """Say which readings, corrections, model and software a number came from.

@@ -119,7 +119,7 @@ def version_of(connection: Connection) -> str:
         raise InputError(
             f"the database is of {newer} ({version or 'none is written down'})",
             f"{expected()} or older",
-            "Use the newer fingertwin" if version > expected() else "Restore a backup: fingertwin restore",
+            "Use the newer fingertwin" if version > expected() else _RESTORE,
         )
     return version
 
@@ -179,7 +179,7 @@ def _require_tables(connection: Connection) -> None:
             raise InputError(
                 f"the database lacks the {'' if table.name in there else 'table '}{what}",
                 f"all of version {expected()}",
-                "Restore a backup: fingertwin restore",
+                _RESTORE,
             )
 
 
@@ -191,9 +191,7 @@ def explained(database: Database) -> Iterator[None]:
     except DBAPIError as error:
         raise unusable(database, error) from error
     except NoSuchTableError as error:
-        raise InputError(
-            f"the database lacks the table {error}", "all of its version", "Restore a backup: fingertwin restore"
-        ) from error
+        raise InputError(f"the database lacks the table {error}", "all of its version", _RESTORE) from error
 
 
 def unusable(database: Database, error: DBAPIError) -> InputError:

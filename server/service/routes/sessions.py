@@ -241,8 +241,7 @@ def edit_list(session: SessionId, request: Request) -> JsonAnswer:
 def undo(session: SessionId, edit: EditNumber, body: Nothing, request: Request) -> JsonAnswer:
     """Take an edit back; an undo is an edit too, and can be taken back."""
     parts = of(request)
-    found = next((e for e in parts.sessions.read(session).edits if e.number == edit), None)
-    case = None if found is None else found.case
+    case = next((e.case for e in parts.sessions.read(session).edits if e.number == edit), None)
     return _edited(parts, session, "undo", case, {}, undoes=edit)
 
 

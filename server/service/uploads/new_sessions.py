@@ -6,7 +6,7 @@ Every step is sent the files again. So the service holds nothing for somebody wh
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -297,10 +297,8 @@ def keep(parts: Services, body: NewFromRecordings) -> tuple[str, bool]:
 
 
 def _made(body: NewFromRecordings, use: Callable[[BenchSession, Mapping[str, Any]], Any]) -> Any:
-    with ExitStack() as open_files:
-        given = open_files.enter_context(held(body.sent, body.mapping))
-        finger = known_finger(body.header.finger)
-        readings = open_files.enter_context(_joined(given))
+    finger = known_finger(body.header.finger)
+    with held(body.sent, body.mapping) as given, _joined(given) as readings:
         laid = LaidNotes(levels_of(readings), _choices(body), [])
         if len(laid.levels) != len(laid.choices):
             raise ProblemError(
