@@ -11,10 +11,10 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from types import FrameType
-from typing import TYPE_CHECKING
 
 import uvicorn
 from sqlalchemy.exc import DBAPIError
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.server import HANDLED_SIGNALS
 
 from daq.errors import LATER, InputError, LaterError
@@ -25,9 +25,6 @@ from server.service.settings import Settings
 from server.service.storage.database import Database
 from server.service.web import logs
 from server.service.web.wire import Wire
-
-if TYPE_CHECKING:
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _LOG = logging.getLogger("fingertwin.serve")
 # After a signal, requests and WebSockets have so long to come to their end [s].

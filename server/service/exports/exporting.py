@@ -9,11 +9,12 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from daq.errors import InputError
 from daq.export.formats import write_c3d
 from daq.sessions import write_session
+from daq.sessions.models import Session
 from fingermodel.model_files import Revision
 from server.application.exchange import ENDINGS as FINGER_ENDINGS
 from server.application.exchange import written_finger
@@ -36,9 +37,6 @@ from server.service.sessions.measuring import Measured
 from server.service.storage.audit import entries
 from server.service.storage.checksums import digest_of
 from server.service.web.problems import ProblemError
-
-if TYPE_CHECKING:
-    from daq.sessions.models import Session
 
 # Columns tells what those of csv are, folder is the session as the command line has it.
 SessionFormat = Literal["csv", "columns", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "folder"]

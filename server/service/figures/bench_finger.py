@@ -8,20 +8,17 @@ and tendon points are the model's; the bones' outlines are schematic, as the mod
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.sessions.models import Mount
 from daq.signals.calibration import mount_transform
-from server.figures.poses import bone_lengths, finger_pose, reach_mm, stub_mm
+from fingermodel.fingers import Finger, FingerValues
+from server.figures.poses import FingerPose, bone_lengths, finger_pose, reach_mm, stub_mm
 from server.figures.tendon_lines import hood_feeds, leaving, tendon_paths
 from server.service.figures.held_finger import HeldFinger
-
-if TYPE_CHECKING:
-    from fingermodel.fingers import Finger, FingerValues
-    from server.figures.poses import FingerPose
 
 Floats = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,15 @@ from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.errors import InputError
 from fingermodel.comparing import compare
 from fingermodel.comparison.observations import posture_rad
+from fingermodel.fingers import Finger
 from fingermodel.fingers.files import read_finger
+from fingermodel.model_files import Revision
 from fingermodel.predicting import Predictor
 from server.figures.bench_finger import Hung
 from server.service.services import Services
 from server.service.sessions.blinding import HIDDEN
 from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError, not_found
-
-if TYPE_CHECKING:
-    from fingermodel.fingers import Finger
-    from fingermodel.model_files import Revision
 
 Floats = NDArray[np.float64]
 

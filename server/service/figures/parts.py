@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fingermodel.comparing import compare
+from fingermodel.comparison.comparison import Comparison
 from fingermodel.session import Session
-from server.figures.arrows import spread_between
+from fingermodel.stages import Effect
+from server.figures.arrows import Spread, spread_between
 from server.figures.effect_change import Setting
 from server.service.figures.cases import Told, told_of
 from server.service.models.session_models import IN_FORCE
@@ -15,11 +17,6 @@ from server.service.services import Services
 from server.service.sessions.blinding import blinded
 from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError, not_found
-
-if TYPE_CHECKING:
-    from fingermodel.comparison.comparison import Comparison
-    from fingermodel.stages import Effect
-    from server.figures.arrows import Spread
 
 _MOST_MEMBERS = 20
 

@@ -6,26 +6,22 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.checks import warnings_of
 from daq.errors import ModelError
+from daq.measured import MeasuredSession
 from daq.recordings.plateaus import Plateau
 from daq.recordings.windows import Span
 from daq.sessions import FINGER_DOCUMENT, parse_session
 from daq.signals.corrections import assemble
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.effects.user import effect_from_dict
+from fingermodel.fingers import Finger
 from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
-from fingermodel.model_files import revision_of
+from fingermodel.model_files import Revision, revision_of
 from fingermodel.session import Session
-
-if TYPE_CHECKING:
-    from daq.measured import MeasuredSession
-    from fingermodel.fingers import Finger
-    from fingermodel.model_files import Revision
-    from fingermodel.session import Session
-    from fingermodel.stages import Effect
+from fingermodel.stages import Effect
 
 __all__ = ["FINGER_DOCUMENT", "BenchInput"]
 

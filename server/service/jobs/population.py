@@ -16,27 +16,23 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from daq.plain_json import clean
-from fingermodel.comparison.comparison import compare
+from fingermodel.comparison.comparison import Comparison, compare
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.answer.addition import Recipe
 from fingermodel.diagnosis.posterior.hyper import GRIDS
+from fingermodel.fitting.fit_report import Fit
 from fingermodel.fitting.identification import refit_map
+from fingermodel.session import Session
 from server.application.additions import add_bench
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.inputs import PopulationInput
 from server.service.jobs.population_summary import Result, summarise
 from server.service.jobs.worker import Tell
 from server.service.sessions.turns import Made
-
-if TYPE_CHECKING:
-    from fingermodel.comparison.comparison import Comparison
-    from fingermodel.comparison.observations import Observations
-    from fingermodel.fitting.fit_report import Fit
-    from fingermodel.session import Session
 
 # Benches that a process keeps open between fits.
 _open: Made[Session] = Made(8)

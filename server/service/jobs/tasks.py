@@ -6,11 +6,12 @@ as the document that the command line would have written to a file.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.plain_json import clean
 from fingermodel import api
 from fingermodel.comparing import compare
+from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import plan_next
 from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
 from fingermodel.revisions import describe_revision
@@ -26,10 +27,6 @@ from server.reproduce.study import study_of
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.inputs import AddInput, DiagnoseInput, NextInput, PooledInput, RefitInput, ReproduceInput
 from server.service.jobs.worker import Tell
-
-if TYPE_CHECKING:
-    from fingermodel.diagnosis.diagnose import Diagnosis
-    from fingermodel.session import Session
 
 Answer = dict[str, Any]
 

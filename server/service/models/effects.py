@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqlalchemy import insert, select
 
 from fingermodel.effects import catalogue
 from fingermodel.effects.catalogue import EFFECTS
 from fingermodel.effects.user import effect_document, effect_from_dict, load_effect, shipped_effects
+from fingermodel.stages import Effect
 from server.application.catalogue import effect_row
 from server.service.storage.audit import record
 from server.service.storage.database import Database, now_utc
 from server.service.storage.schema import own_effects
 from server.service.web.problems import ProblemError, not_found, shortened
-
-if TYPE_CHECKING:
-    from fingermodel.stages import Effect
 
 _MOST_EFFECTS = 500
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqlalchemy import Connection, Row, insert, select
 
-from fingermodel.model_files import revision_of
+from fingermodel.model_files import Revision, revision_of
 from server.service.storage.checksums import fingerprint
 from server.service.storage.database import Database, now_utc
 from server.service.storage.messages import Messages, Telling
 from server.service.storage.schema import heads, revisions
 from server.service.web.problems import ProblemError, not_found
-
-if TYPE_CHECKING:
-    from fingermodel.model_files import Revision
 
 
 class Revisions:

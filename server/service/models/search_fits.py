@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqlalchemy import select
 
 from fingermodel.fingers.files import finger_document
-from fingermodel.model_files import FORMAT, revision_of
+from fingermodel.model_files import FORMAT, Revision, revision_of
 from fingermodel.revisions import held_by
+from fingermodel.session import Session
+from server.service.storage.database import Database
 from server.service.storage.schema import jobs
 from server.service.web.problems import ProblemError, shortened
-
-if TYPE_CHECKING:
-    from fingermodel.model_files import Revision
-    from fingermodel.session import Session
-    from server.service.storage.database import Database
 
 NOTHING = "nothing"
 

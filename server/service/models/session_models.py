@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqlalchemy import select
 
 from daq.sessions import FINGER_DOCUMENT
 from fingermodel.comparing import compare
+from fingermodel.fingers import Finger
 from fingermodel.fingers.files import finger_from_dict, read_finger
+from fingermodel.model_files import Revision
 from fingermodel.predicting import Predictor
 from fingermodel.session import Session
+from fingermodel.stages import Effect
 from server.application.provenance import provenance
 from server.service.answers import Tagged
 from server.service.ingest.stored import in_stream, known_stream
@@ -28,11 +31,6 @@ from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks
 from server.service.web.problems import ProblemError, shortened
-
-if TYPE_CHECKING:
-    from fingermodel.fingers import Finger
-    from fingermodel.model_files import Revision
-    from fingermodel.stages import Effect
 
 _MOST_BENCHES, _MOST_COMPARISONS = 32, 256
 # Of `model`: the revision in force for the session's specimen, or the session's own finger where there is none.

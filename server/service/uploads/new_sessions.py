@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +45,7 @@ from server.application.new_session import (
 from server.figures.traces import traces_figure
 from server.service.figures.answer import Theme, on_page, shown
 from server.service.figures.fingers import known_finger
+from server.service.schemas.recordings import NewFromRecordings
 from server.service.services import Services
 from server.service.uploads.importing import (
     MOST_ROWS,
@@ -56,9 +57,6 @@ from server.service.uploads.importing import (
 )
 from server.service.web.problems import ProblemError, shortened
 from server.service.web.workers import require_client
-
-if TYPE_CHECKING:
-    from server.service.schemas.recordings import NewFromRecordings
 
 SCHEMA = "fingertwin/recordings/1"
 # Of a recording unpacked, whose text becomes up to four times as many bytes of numbers.
