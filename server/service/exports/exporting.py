@@ -88,19 +88,19 @@ def revision_export(parts: Services, revision: str, file_format: str) -> Write:
     Raises:
         ProblemError: 404 there is no such revision.
     """
-    document = parts.revisions.read(revision)["document"]
+    text = json.dumps(parts.revisions.read(revision)["document"], indent=1) + "\n"
     loaded = None if file_format == "json" else parts.revisions.loaded(revision)
 
     def write(folder: Path) -> Path:
         if loaded is None:
             file = folder / f"{revision}.json"
-            file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+            file.write_text(text, encoding="utf-8")
             return file
         if file_format in FINGER_ENDINGS:
             file = folder / f"{revision}{FINGER_ENDINGS[file_format][0]}"
             file.write_text(written_finger(loaded.finger, loaded.id, file_format).text, encoding="utf-8")
             return file
-        sources = {f"{revision}.json": _digest(document)}
+        sources = {f"{revision}.json": digest_of(text.encode())}
         return _table(parameter_columns(loaded), about_revision(loaded, sources), file_format, folder / revision)
 
     return write
@@ -183,7 +183,3 @@ def _zipped(parts: Services, measured: Measured, into: Path) -> Path:
         trail = [json.dumps(asdict(e), ensure_ascii=False) for e in entries(parts.database, measured.record.id)]
         out.writestr(f"{folder.name}/audit-service.jsonl", "".join(f"{line}\n" for line in trail))
     return file
-
-
-def _digest(document: Mapping[str, Any]) -> str:
-    return digest_of((json.dumps(document, indent=1) + "\n").encode())

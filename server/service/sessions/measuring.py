@@ -131,24 +131,25 @@ class Measuring:
         Raises:
             ProblemError: 404 there is none.
         """
-        version = self._sessions.version(name)
-        found = self._found(name)
-        if found is not None and found.record.version == version and not found.waits:
+        found = self._present(name)
+        if found is not None and not found.waits:
             return found
         with self._turns.of(name):
             return self._anew(name)
 
-    def _found(self, name: str) -> Measured | None:
+    def _present(self, name: str) -> Measured | None:
+        """Return what was measured of a session as it stands; None where it has changed since."""
+        version = self._sessions.version(name)
         with self._lock:
-            return self._known.get(name)
+            found = self._known.get(name)
+        return found if found is not None and found.record.version == version else None
 
     def _anew(self, name: str) -> Measured:
         """Measure a session, unless somebody has while its turn was awaited."""
-        version, found = self._sessions.version(name), self._found(name)
-        if found is not None and found.record.version == version and not found.waits:
+        found = self._present(name)
+        if found is not None and not found.waits:
             return found
-        record = found.record if found is not None and found.record.version == version else self._sessions.read(name)
-        out = self._measure(record)
+        out = self._measure(self._sessions.read(name) if found is None else found.record)
         if found is not None and out.key == found.key:
             # The same forces; only what the rest waits for may read otherwise by now.
             out = replace(found, states=out.states)
