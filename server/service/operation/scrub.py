@@ -35,12 +35,10 @@ class Read:
     """Rows that were read.
 
     Attributes:
-        table: that they are of.
         size_bytes: of what was held against its checksum.
         damaged: place of each row that is not as it was written.
     """
 
-    table: str
     size_bytes: int
     damaged: tuple[str, ...]
 
@@ -79,7 +77,7 @@ def _looked(table: Table, keys: int, checked: list[str], rows: Sequence[Row[Any]
             size += len(row.sent)
         if not _is_sound(table, stored, row):
             damaged.append(f"{table.name} {' '.join(str(v) for v in row[:keys])}")
-    return Read(table.name, size, tuple(damaged))
+    return Read(size, tuple(damaged))
 
 
 def _is_sound(table: Table, stored: list[str], row: Row[Any]) -> bool:
