@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from fingermodel.studies.activation_result import PLANES, ActivationResult
 from server.figures import graph_objects as go
+from server.figures import marks
+from server.figures.arrows import arrow_head
 from server.figures.plot import Plot
 from server.figures.report import Section, Table, write_report
 from server.figures.sheet import Sheet, note
@@ -93,19 +95,10 @@ def deficits_figure(result: ActivationResult) -> go.Figure:
         for i, (d, course) in enumerate(zip(result.deficits, courses, strict=True)):
             if moving[i]:
                 color = _COLORS[i % len(_COLORS)]
-                sheet.data.append(
-                    go.Scatter(
-                        x=d.levels_pct.tolist(),
-                        y=course,
-                        name=plain(d.muscle),
-                        legendgroup=d.muscle,
-                        showlegend=k == 0,
-                        mode="lines+markers",
-                        line={"color": color, "width": 1.8},
-                        marker={"color": color, "symbol": _SYMBOLS[i % len(_SYMBOLS)], "size": 7},
-                        **axes,
-                    )
-                )
+                marker = {"color": color, "symbol": _SYMBOLS[i % len(_SYMBOLS)], "size": 7}
+                look: dict[str, Any] = {"mode": "lines+markers", "line": {"color": color, "width": 1.8}, **axes}
+                look |= {"name": plain(d.muscle), "legendgroup": d.muscle, "showlegend": k == 0}
+                sheet.data.append(go.Scatter(x=d.levels_pct.tolist(), y=course, marker=marker, **look))
     size = number(float(np.linalg.norm(result.force_N)))
     still = [plain(d.muscle) for d, moves in zip(result.deficits, moving, strict=True) if not moves]
     nothing = f" Without them nothing changes: {', '.join(still)}." if still else ""
@@ -139,25 +132,16 @@ def activation_report(result: ActivationResult, folder: Path, *, static: bool = 
 
 def _arrow(name: str, force: Floats, head: float, color: str, axes: dict[str, str]) -> list[go.Scatter]:
     size = float(np.hypot(*force))
-    shared: dict[str, Any] = {"mode": "lines", "showlegend": False, **axes}
-    text = f"{plain(name)}: {number(float(force[0]), 3)}, {number(float(force[1]), 3)} N/N"
     if size == 0.0:
         return []
-    along = force / size
-    length = min(head, 0.45 * size)
-    neck, side = force - along * 0.9 * length, np.array([-along[1], along[0]]) * 0.36 * length
-    back = force - along * length
-    outline = np.stack([force, back + side, back - side, force])
+    neck, outline = arrow_head(force, force / size, min(head, 0.45 * size))
+    text = f"{plain(name)}: {number(float(force[0]), 3)}, {number(float(force[1]), 3)} N/N"
+    told: dict[str, Any] = {"hoverinfo": "text", "text": text, "showlegend": False, **axes}
+    shaft = marks.xy(np.stack([np.zeros(2), neck]))
     return [
-        go.Scatter(
-            x=[0.0, float(neck[0])], y=[0.0, float(neck[1])],
-            line={"color": color, "width": 2.2}, hoverinfo="text", text=text, **shared,
-        ),
-        go.Scatter(
-            x=outline[:, 0].tolist(), y=outline[:, 1].tolist(), fill="toself", fillcolor=color,
-            line={"color": color, "width": 1.0}, hoverinfo="text", text=text, **shared,
-        ),
-    ]  # fmt: skip
+        marks.line(*shaft, {"color": color, "width": 2.2}, **told),
+        marks.area(*marks.xy(outline), color, {"color": color, "width": 1.0}, **told),
+    ]
 
 
 def _labels(

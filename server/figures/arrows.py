@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.style import case_text, number, rgba
 
 Floats = NDArray[np.float64]
@@ -104,16 +105,11 @@ def sector_trace(
     axes: Mapping[str, str],
 ) -> go.Scatter:
     """Draw the area about a measured force (2,) [N], given in the first bone's axes."""
-    outline = sector(force, area, origin, mm_per_N)
     half = f"± {number(area.magnitude_N)} N, ± {number(area.direction_deg, 1)}°: {area.meaning}"
-    return go.Scatter(
-        x=outline[:, 0].tolist(),
-        y=outline[:, 1].tolist(),
-        mode="lines",
-        fill="toself",
-        fillcolor=rgba(color, 0.22),
-        line={"color": rgba(color, 0.35), "width": 0.8},
-        showlegend=False,
+    return marks.area(
+        *marks.xy(sector(force, area, origin, mm_per_N)),
+        rgba(color, 0.22),
+        {"color": rgba(color, 0.35), "width": 0.8},
         hoveron="fills",
         hoverinfo="text",
         text=f"{case_text(case)}<br>measured {vector_text(force)}<br>{half}",
@@ -152,33 +148,33 @@ def arrow_traces(
     norm = float(np.hypot(*force))
     start = np.asarray(origin[:2], dtype=float)
     tip = start + mm_per_N * force
-    hover = f"{case_text(case)}<br>{words or kind} {vector_text(force)}"
     meta = {"kind": kind, "case": case.id, "force_N": [float(force[0]), float(force[1])], "mm_per_N": mm_per_N}
-    shared: dict[str, Any] = {"showlegend": False, "mode": "lines", **axes}
-    length = min(head_mm, 0.45 * mm_per_N * norm)
     along = force / norm if norm > 0 else np.zeros(2)
-    neck = tip - along * 0.9 * length
-    shaft = {"x": [float(start[0]), float(neck[0])], "y": [float(start[1]), float(neck[1])]}
-    traces = [go.Scatter(**shaft, line=dict(line), hoverinfo="skip", meta=meta, **shared)]
+    neck, head = arrow_head(tip, along, min(head_mm, 0.45 * mm_per_N * norm))
+    shaft = marks.xy(np.stack([start, neck]))
+    traces = [marks.line(*shaft, dict(line), meta=meta, showlegend=False, **axes)]
     if norm > 0:
-        side = np.array([-along[1], along[0]]) * 0.36 * length
-        back = tip - along * length
-        head = np.stack([tip, back + side, back - side, tip])
+        color = line["color"]
         traces.append(
-            go.Scatter(
-                x=head[:, 0].tolist(),
-                y=head[:, 1].tolist(),
-                fill="toself",
-                fillcolor="#ffffff" if hollow else line["color"],
-                line={"color": line["color"], "width": line["width"] if hollow else 1.0},
+            marks.area(
+                *marks.xy(head),
+                "#ffffff" if hollow else color,
+                {"color": color, "width": line["width"] if hollow else 1.0},
                 hoveron="points+fills",
                 hoverinfo="text",
-                text=hover,
+                text=f"{case_text(case)}<br>{words or kind} {vector_text(force)}",
                 meta={"kind": f"{kind}_head", "case": case.id},
-                **shared,
+                **axes,
             )
         )
     return traces
+
+
+def arrow_head(tip: Floats, along: Floats, length: float) -> tuple[Floats, Floats]:
+    """Return where an arrow's shaft ends (2,), and the outline (4, 2) of its head of that length along a direction."""
+    side = np.array([-along[1], along[0]]) * 0.36 * length
+    back = tip - along * length
+    return tip - along * 0.9 * length, np.stack([tip, back + side, back - side, tip])
 
 
 def vector_text(force: Floats) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fingermodel.comparison.comparison import CaseComparison
 from fingermodel.fingers import Finger, FingerValues
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.arrows import area_of, arrow_traces, sector_trace
 from server.figures.panels import Panel, force_scale, head_mm, panels_figure
 from server.figures.poses import FingerPose, finger_pose, reach_mm, stub_mm
@@ -171,9 +172,8 @@ def _loaded(
     traces = []
     for segment, path in zip(finger.topology.segments, tendon_paths(finger, values, pose), strict=True):
         if masses_g.get(segment.slip):
-            line = {"color": styles[segment.slip].color, "width": 3}
-            shape = {"x": path[:, 0].round(4).tolist(), "y": path[:, 1].round(4).tolist(), "mode": "lines"}
-            traces.append(go.Scatter(**shape, line=line, showlegend=False, hoverinfo="skip", meta="loaded", **axes))
+            look = {"color": styles[segment.slip].color, "width": 3}
+            traces.append(marks.line(*marks.xy(path.round(4)), look, showlegend=False, meta="loaded", **axes))
     return traces
 
 
@@ -192,34 +192,21 @@ def _weights(
     for place, muscle in enumerate(sorted(hung, key=lambda m: float(hung[m][-1, 1]))):
         string, color, mass_g = hung[muscle], styles[muscle].color, float(masses_g[muscle])
         pulley, high = (1.25 + 0.42 * place) * stub, 0.34 * stub * (0.4 + 0.6 * mass_g / heaviest)
-        shared: dict[str, Any] = {"showlegend": False, **axes}
         path = np.concatenate([string, [[pulley, string[-1, 1]], [pulley, top]]]).round(4)
         line = {"color": color, "width": 1.5}
-        traces.append(
-            go.Scatter(
-                x=path[:, 0].tolist(),
-                y=path[:, 1].tolist(),
-                mode="lines",
-                line=line,
-                hoverinfo="skip",
-                meta="string",
-                **shared,
-            )
-        )
+        traces.append(marks.line(*marks.xy(path), line, showlegend=False, meta="string", **axes))
         left, right, under = pulley - wide, pulley + wide, top - high
         traces.append(
-            go.Scatter(
-                x=[left, right, right, left, left],
-                y=[top, top, under, under, top],
-                mode="lines",
-                fill="toself",
-                fillcolor=rgba(color, 0.55),
-                line=line,
+            marks.area(
+                [left, right, right, left, left],
+                [top, top, under, under, top],
+                rgba(color, 0.55),
+                line,
                 hoveron="fills",
                 hoverinfo="text",
                 text=f"{plain(muscle)} {mass_g:g} g",
                 meta={"kind": "weight", "tendon": muscle, "mass_g": mass_g},
-                **shared,
+                **axes,
             )
         )
         # Two places without words make the drawing wide and high enough for those below the weight.
@@ -232,8 +219,9 @@ def _weights(
                 textposition="bottom center",
                 textfont={"size": SMALL_PX + 1, "color": INK},
                 hoverinfo="skip",
+                showlegend=False,
                 meta="weight_text",
-                **shared,
+                **axes,
             )
         )
     return traces

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import BETTER, WORSE, Answer, change_text, plane_of, rows, shortened, value, vector
 from server.figures.sheet import Sheet, note
 from server.figures.style import (
@@ -103,26 +104,21 @@ def _lines(cases: Sequence[Held]) -> list[go.Scatter]:
     for falls, color, name in ((True, BETTER, "falls"), (False, WORSE, "rises")):
         own = [(i, c) for i, c in enumerate(cases) if (c.after_N <= c.before_N) == falls]
         if own:
-            line: dict[str, Any] = {"color": color, "width": 2.5}
             x = [v for _, c in own for v in (c.before_N, c.after_N, None)]
             y = [v for i, _ in own for v in (i, i, None)]
-            out.append(
-                go.Scatter(x=x, y=y, mode="lines", line=line, name=name, hoverinfo="skip", legendrank=1003 + len(out))
-            )
+            out.append(marks.line(x, y, {"color": color, "width": 2.5}, name=name, legendrank=1003 + len(out)))
     return out
 
 
 def _points(cases: Sequence[Held], places: Sequence[int]) -> list[go.Scatter]:
     return [
-        go.Scatter(
-            x=values,
-            y=list(places),
-            mode="markers",
-            marker={"symbol": symbol, "size": 9, "color": INK},
+        marks.points(
+            values,
+            places,
+            {"symbol": symbol, "size": 9, "color": INK},
+            [c.hover for c in cases],
             name=name,
             legendrank=rank,
-            hoverinfo="text",
-            hovertext=[c.hover for c in cases],
         )
         for rank, name, symbol, values in (
             (1001, "before", "circle-open", [c.before_N for c in cases]),
@@ -133,16 +129,9 @@ def _points(cases: Sequence[Held], places: Sequence[int]) -> list[go.Scatter]:
 
 def _noise(cases: Sequence[Held], places: Sequence[int]) -> list[go.Scatter]:
     known = [(c.sd_N, i) for c, i in zip(cases, places, strict=True) if c.sd_N is not None]
-    noise = go.Scatter(
-        x=[v for sd, _ in known for v in (sd, sd, None)],
-        y=[v for _, i in known for v in (i - 0.34, i + 0.34, None)],
-        mode="lines",
-        line={"color": "#8a8a8a", "width": 2},
-        name="noise, 1 sd",
-        hoverinfo="skip",
-        legendrank=1005,
-    )
-    return [noise] if known else []
+    x = [v for sd, _ in known for v in (sd, sd, None)]
+    y = [v for _, i in known for v in (i - 0.34, i + 0.34, None)]
+    return [marks.line(x, y, {"color": "#8a8a8a", "width": 2}, name="noise, 1 sd", legendrank=1005)] if known else []
 
 
 def _change(case: Held, row: int) -> dict[str, Any]:

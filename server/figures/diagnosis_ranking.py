@@ -7,6 +7,7 @@ from typing import Any
 
 from fingermodel.parameters import with_unit
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import (
     EFFECT_COLOR,
     ELSE_COLOR,
@@ -99,32 +100,23 @@ def _bars(shown: Sequence[Answer], named: Sequence[Answer], which: str) -> list[
     if not own:
         return []
     inks = [color if r in named or which != "effects" else mix(color, "#ffffff", 0.45) for _, r in own]
-    bars = go.Bar(
-        x=[value(r.get("probability")) or 0.0 for _, r in own],
-        y=[i for i, _ in own],
+    places = [i for i, _ in own]
+    shown_bars = marks.bars(
+        [value(r.get("probability")) or 0.0 for _, r in own],
+        places,
+        inks,
+        [_hover(r) for _, r in own],
         orientation="h",
         width=0.62,
-        marker={"color": inks, "line": {"width": 0}},
         text=[plain(probability_text(r.get("probability"))) for _, r in own],
         **OUTSIDE,
         textfont={"size": SMALL_PX + 1, "color": INK},
         name=name,
         legendgroup=which,
         showlegend=False,
-        hoverinfo="text",
-        hovertext=[_hover(r) for _, r in own],
     )
-    sign: dict[str, Any] = {"symbol": _SYMBOLS[which], "size": 9, "color": color}
-    signs = go.Scatter(
-        x=[0.5 * _BEGIN] * len(own),
-        y=[i for i, _ in own],
-        mode="markers",
-        marker=sign,
-        name=name,
-        legendgroup=which,
-        hoverinfo="skip",
-    )
-    return [bars, signs]
+    sign = {"symbol": _SYMBOLS[which], "size": 9, "color": color}
+    return [shown_bars, marks.points([0.5 * _BEGIN] * len(own), places, sign, name=name, legendgroup=which)]
 
 
 def _labels(shown: Sequence[Answer], names: Sequence[Sequence[str]], named: Sequence[Answer]) -> list[dict[str, Any]]:

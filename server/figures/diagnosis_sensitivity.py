@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import BETTER, WORSE, Answer, probability_text, rows, shortened, value
 from server.figures.sheet import Sheet, note, shape
 from server.figures.style import INK, MUTED, SMALL_PX, NothingToDrawError, axis, plain
@@ -112,19 +113,10 @@ def _dots(shown: Sequence[Assumed], places: Sequence[float]) -> list[go.Scatter]
     for k, (name, color, symbol) in enumerate(_KINDS):
         own = [(a, y) for a, y in zip(shown, places, strict=True) if _kind(a.probability) == k]
         if own:
-            look: dict[str, Any] = {"symbol": symbol, "size": 10, "color": color}
-            out.append(
-                go.Scatter(
-                    x=[a.probability for a, _ in own],
-                    y=[y for _, y in own],
-                    mode="markers",
-                    marker=look,
-                    name=name,
-                    cliponaxis=False,
-                    hoverinfo="text",
-                    hovertext=[f"{plain(a.words)}: {plain(probability_text(a.probability))}" for a, _ in own],
-                )
-            )
+            look = {"symbol": symbol, "size": 10, "color": color}
+            words = [f"{plain(a.words)}: {plain(probability_text(a.probability))}" for a, _ in own]
+            x, y = zip(*((a.probability, at) for a, at in own), strict=True)
+            out.append(marks.points(x, y, look, words, name=name, cliponaxis=False))
     return out
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import (
     Answer,
     explanation_name,
@@ -21,7 +22,6 @@ from server.figures.style import (
     TEXT_PX,
     NothingToDrawError,
     axis,
-    band,
     load_styles,
     number,
     plain,
@@ -137,18 +137,17 @@ def _traces(curve: Curve, style: Any, axes: dict[str, str], *, named: bool) -> l
     place: dict[str, Any] = {"legendgroup": curve.muscle, **axes}
     out = []
     if curve.low_N is not None and curve.high_N is not None and len(curve.load_g) > 1:
-        out.append(band(curve.load_g, curve.low_N, curve.high_N, rgba(style.color, 0.18), place))
+        out.append(marks.band(curve.load_g, curve.low_N, curve.high_N, rgba(style.color, 0.18), place))
     out.append(
-        go.Scatter(
-            x=curve.load_g,
-            y=curve.change_N,
+        marks.points(
+            curve.load_g,
+            curve.change_N,
+            {"symbol": style.symbol, "size": 6, "color": style.color},
+            _hover(curve),
             mode="lines+markers",
             line={"color": style.color, "width": 2},
-            marker={"symbol": style.symbol, "size": 6, "color": style.color},
             name=plain(curve.muscle),
             showlegend=named,
-            hoverinfo="text",
-            hovertext=_hover(curve),
             **place,
         )
     )

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import (
     Answer,
     after_which_fit,
@@ -191,18 +192,17 @@ def _bars(
             continue
         torques = [g.torques[joint] for g, _ in chosen]
         out.append(
-            go.Bar(
-                x=[t.value for t in torques],
-                y=[p for _, p in chosen],
+            marks.bars(
+                [t.value for t in torques],
+                [p for _, p in chosen],
+                color,
+                [_hover(g, joint) for g, _ in chosen],
                 orientation="h",
                 width=0.72,
-                marker={"color": color, "line": {"width": 0}},
                 error_x=whiskers([t.sd or 0.0 for t in torques], INK, width=2),
                 name=name,
                 legendgroup=name,
                 showlegend=name not in named,
-                hoverinfo="text",
-                hovertext=[_hover(g, joint) for g, _ in chosen],
                 meta={"select": [_FITTED | {"posture": g.posture, "muscles": g.label} for g, _ in chosen]},
                 **axes,
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.sheet import Sheet, shape
 from server.figures.style import (
     COMPONENT_AXES,
@@ -146,29 +148,15 @@ def _panel(sheet: Sheet, pairs: Sequence[tuple[CaseComparison, Floats]], index: 
     sheet.shapes += [
         shape((begin - 0.5, begin - 0.5), (0, 1), on, line={"color": GRID, "width": 1}) for _, begin, _ in groups[1:]
     ]
-    bars = go.Bar(
-        x=at,
-        y=changes,
-        marker={"color": [styles[c.muscles].color for c in cases], "line": {"width": 0}},
-        hoverinfo="text",
-        hovertext=words,
-        name="change by the effect (colour: the loaded tendon)",
-        showlegend=index == 0,
-        meta={"kind": "change", "cases": [c.id for c in cases]},
-        **axes,
+    circle = {"color": INK, "symbol": "circle-open", "size": 6, "line": {"width": 1.2}}
+    colors, ids = [styles[c.muscles].color for c in cases], [c.id for c in cases]
+    shared: dict[str, Any] = {"showlegend": index == 0, **axes}
+    name = "change by the effect (colour: the loaded tendon)"
+    sheet.data.append(
+        marks.bars(at, changes, colors, words, name=name, meta={"kind": "change", "cases": ids}, **shared)
     )
-    circles = go.Scatter(
-        x=at,
-        y=missing,
-        mode="markers",
-        marker={"color": INK, "symbol": "circle-open", "size": 6, "line": {"width": 1.2}},
-        hoverinfo="skip",
-        name="measured − predicted without the effect",
-        showlegend=index == 0,
-        meta={"kind": "missing", "cases": [c.id for c in cases]},
-        **axes,
-    )
-    sheet.data += [bars, circles]
+    name = "measured − predicted without the effect"
+    sheet.data.append(marks.points(at, missing, circle, name=name, meta={"kind": "missing", "cases": ids}, **shared))
 
 
 def _groups(cases: Sequence[CaseComparison]) -> list[tuple[str, int, int]]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.sheet import On, Sheet, note, shape
 from server.figures.style import BARE, INK, MUTED, SMALL_PX, WIDTH, axis, fixed, mix, number, plain, whiskers
 
@@ -166,7 +167,8 @@ def _bare_axes(*ranges: Sequence[float]) -> list[dict[str, Any]]:
 
 
 def _line(points: Floats, color: str, width: float, dash: str, axes: dict[str, str]) -> go.Scatter:
-    return _drawn(points, axes, mode="lines", line={"color": color, "width": width, "dash": dash})
+    look = {"color": color, "width": width, "dash": dash}
+    return marks.line(*marks.xy(points.round(3)), look, showlegend=False, **axes)
 
 
 def _spring(points: Floats, force: float, width: float, axes: dict[str, str]) -> go.Scatter:
@@ -174,12 +176,7 @@ def _spring(points: Floats, force: float, width: float, axes: dict[str, str]) ->
 
 
 def _dots(points: Floats, axes: dict[str, str], size: float) -> go.Scatter:
-    return _drawn(points, axes, mode="markers", marker={"color": INK, "size": size})
-
-
-def _drawn(points: Floats, axes: dict[str, str], **look: Any) -> go.Scatter:
-    x, y = points.round(3).T.tolist()
-    return go.Scatter(x=x, y=y, showlegend=False, hoverinfo="skip", **look, **axes)
+    return marks.points(*marks.xy(points.round(3)), {"color": INK, "size": size}, showlegend=False, **axes)
 
 
 def _width(force: float, most: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.plot import Plot
 from server.figures.report import Section, Table, write_report
 from server.figures.sheet import Sheet, shape
@@ -245,26 +246,22 @@ def _traces(
     pushed = [a.force_N < -1e-9 for a in panel.forces]
     below, above = _bars(panel)
     return [
-        go.Scatter(
-            x=[x for at in order.at for x in (at - _HALF, at + _HALF, None)],
-            y=[y for a in panel.forces for y in (a.hung_N, a.hung_N, None)],
-            mode="lines",
+        marks.line(
+            [x for at in order.at for x in (at - _HALF, at + _HALF, None)],
+            [y for a in panel.forces for y in (a.hung_N, a.hung_N, None)],
+            {"color": INK, "width": 2},
             name=names[1],
             legendgroup="hung",
-            line={"color": INK, "width": 2},
-            hoverinfo="skip",
             **own,
         ),
-        go.Scatter(
-            x=list(order.at),
-            y=[a.force_N for a in panel.forces],
-            mode="markers",
+        marks.points(
+            order.at,
+            [a.force_N for a in panel.forces],
+            {"color": panel.color, "size": 6, "symbol": ["circle-open" if p else "circle" for p in pushed]},
+            words,
+            error_y=whiskers(above, panel.color, below, thickness=1.2, width=0),
             name=names[0],
             legendgroup="assigned",
-            marker={"color": panel.color, "size": 6, "symbol": ["circle-open" if p else "circle" for p in pushed]},
-            error_y=whiskers(above, panel.color, below, thickness=1.2, width=0),
-            hoverinfo="text",
-            hovertext=words,
             **own,
         ),
     ]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.sheet import Sheet
 from server.figures.style import INK, ZERO_LINE, axis, mix, number, plain, whiskers
 
@@ -61,6 +62,7 @@ def pressing_figure(panels: Sequence[Panel], models: Mapping[str, str]) -> go.Fi
         for model, shift in zip(models, (-0.2, 0.2), strict=True):
             place = (at + shift).tolist()
             mean = [m for m, _ in panel.published[model]]
+            spread = whiskers([s for _, s in panel.published[model]], INK)
             name, ours = models[model], panel.ours[model]
             shared: dict[str, Any] = {"x": place, "showlegend": k == 0, "hoverinfo": "text", **axes}
             pale = {"color": mix(COLORS[model], "#ffffff", 0.72)}
@@ -76,16 +78,7 @@ def pressing_figure(panels: Sequence[Panel], models: Mapping[str, str]) -> go.Fi
                     **shared,
                 ),
                 # Published spreads, before all bars.
-                go.Scatter(
-                    x=place,
-                    y=mean,
-                    mode="markers",
-                    marker={"size": 3, "color": INK},
-                    error_y=whiskers([s for _, s in panel.published[model]], INK),
-                    showlegend=False,
-                    hoverinfo="skip",
-                    **axes,
-                ),
+                marks.points(place, mean, {"size": 3, "color": INK}, error_y=spread, showlegend=False, **axes),
             ]
     return sheet.drawn(
         "Forces in the pressing index finger, divided by the load",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.sheet import note
 from server.figures.style import MUTED, SMALL_PX
 
@@ -38,22 +39,14 @@ def scale_bars(
     x = float(low[0] + 0.02 * size[0])
     traces, words = [], []
     for text, length in bars:
-        line = {"color": MUTED, "width": 2.5 if text.endswith("N") else 1.2}
-        shape = {"x": [x, x + length], "y": [y, y], "mode": "lines", "line": line}
-        traces.append(
-            go.Scatter(**shape, showlegend=False, hoverinfo="skip", meta={"kind": "scale", "text": text}, **names)
-        )
+        line, meta = {"color": MUTED, "width": 2.5 if text.endswith("N") else 1.2}, {"kind": "scale", "text": text}
+        traces.append(marks.line([x, x + length], [y, y], line, showlegend=False, meta=meta, **names))
         words.append(note(text, x + length / 2, y, on, at=("auto", "bottom"), shift=(0, 1), **look))
         x += length + 0.06 * float(size[0])
     if first:
         x, arm = float(low[0] + 0.80 * size[0]), 0.09 * float(size[0])
-        head: dict[str, Any] = {
-            "showarrow": True,
-            "arrowhead": 2,
-            "arrowsize": 1,
-            "arrowwidth": 1.2,
-            "arrowcolor": MUTED,
-        }
+        head: dict[str, Any] = {"showarrow": True, "arrowhead": 2, "arrowsize": 1, "arrowwidth": 1.2}
+        head |= {"arrowcolor": MUTED}
         tail: dict[str, Any] = {"ax": x, "ay": y, "axref": on[0], "ayref": on[1]}
         for dx, dy, text, anchor in ((1, 0, "proximal", "top"), (0, 1, "dorsal", "bottom")):
             words.append(note("", x + dx * arm, y + dy * arm, on, at=("auto", "auto"), **head, **tail))

@@ -10,6 +10,7 @@ import numpy as np
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.sheet import Sheet, key, note
 from server.figures.style import (
     BAND,
@@ -19,6 +20,7 @@ from server.figures.style import (
     PLANE_NAMES,
     SMALL_PX,
     WIDTH,
+    LoadStyle,
     NothingToDrawError,
     axis,
     case_text,
@@ -121,26 +123,24 @@ def _identity(
     sd = sd[np.isfinite(sd)]
     half = 2.0 * float(np.median(sd)) if len(sd) else 0.0
     said = "assumed" if comparison.noise_assumed else "measured"
-    shared: dict[str, Any] = {"mode": "lines", "showlegend": first, "hoverinfo": "skip", **axes}
-    line = go.Scatter(
-        x=[low, high], y=[low, high], name="identity", line={"color": "#8a8a8a", "width": 1}, legendrank=2000, **shared
-    )
+    shared: dict[str, Any] = {"showlegend": first, **axes}
+    grey = {"color": "#8a8a8a", "width": 1}
+    identity = marks.line([low, high], [low, high], grey, name="identity", legendrank=2000, **shared)
     if half <= 0:
-        return [line]
+        return [identity]
     # Drawn beyond the axes, so that the corners are filled; the axes cut it.
     a, b = low - half, high + half
-    band = go.Scatter(
-        x=[a, b, b, a, a],
-        y=[a - half, b - half, b + half, a + half, a - half],
-        fill="toself",
-        fillcolor=BAND,
-        line={"color": BAND, "width": 0},
+    band = marks.area(
+        [a, b, b, a, a],
+        [a - half, b - half, b + half, a + half, a - half],
+        BAND,
+        {"color": BAND, "width": 0},
         name=f"± 2 SD, {said} (Fx ± {number(half)} N)" if first else "",
         legendrank=2001,
         meta={"kind": "band", "half_N": half},
         **shared,
     )
-    return [band, line]
+    return [band, identity]
 
 
 def _points(comparison: Comparison, component: int, muscles: Sequence[str], axes: dict[str, str]) -> list[go.Scatter]:
@@ -159,19 +159,13 @@ def _points(comparison: Comparison, component: int, muscles: Sequence[str], axes
             for c, m, p in zip(cases, measured, predicted, strict=True)
         ]
         out.append(
-            go.Scatter(
-                x=measured,
-                y=predicted,
-                mode="markers",
-                marker={
-                    "color": style.color,
-                    "symbol": style.symbol,
-                    "size": 9 if style.symbol != "cross" else 10,
-                    "line": {"color": "#ffffff", "width": 0.8},
-                },
+            marks.points(
+                measured,
+                predicted,
+                _marker(style, 9 if style.symbol != "cross" else 10),
                 text=words,
-                meta={"cases": [c.id for c in cases]},
                 hoverinfo="text",
+                meta={"cases": [c.id for c in cases]},
                 name=muscle,
                 legendgroup=muscle,
                 showlegend=False,
@@ -179,6 +173,11 @@ def _points(comparison: Comparison, component: int, muscles: Sequence[str], axes
             )
         )
     return out
+
+
+def _marker(style: LoadStyle, size: int) -> dict[str, Any]:
+    """Return a tendon's symbol with a white rim."""
+    return {"color": style.color, "symbol": style.symbol, "size": size, "line": {"color": "#ffffff", "width": 0.8}}
 
 
 def _keys(chosen: Sequence[tuple[str, Comparison]], muscles: Sequence[str], plane: Plane) -> list[go.Scatter]:
@@ -189,8 +188,6 @@ def _keys(chosen: Sequence[tuple[str, Comparison]], muscles: Sequence[str], plan
         parts = [comparison.select(muscles=muscle).errors(plane) for _, comparison in chosen]
         absolute = " → ".join(number(e.rmse_N) for e in parts)
         relative = " → ".join(number(e.rmse_rel_pct, 0) for e in parts)
-        marker = {"color": styles[muscle].color, "symbol": styles[muscle].symbol, "size": 9}
-        marker |= {"line": {"color": "#ffffff", "width": 0.8}}
         name = f"{plain(muscle)}  {absolute} N ({relative} %)"
-        out.append(key(name, "markers", marker=marker, legendgroup=muscle))
+        out.append(key(name, "markers", marker=_marker(styles[muscle], 9), legendgroup=muscle))
     return out

@@ -8,6 +8,7 @@ import numpy as np
 
 from fingermodel.parameters import with_unit
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
 from server.figures.plot import Plot
 from server.figures.report import Section, Table, plot_or_reason
@@ -16,7 +17,6 @@ from server.figures.style import (
     INK,
     NothingToDrawError,
     axis,
-    band,
     fixed,
     load_text,
     number,
@@ -167,7 +167,7 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
         ]
         high, low = [mean[i] + 2.0 * sd[i] for i in order], [mean[i] - 2.0 * sd[i] for i in order]
         # The band lies over the sessions' own courses and below the rest.
-        sheet.data += [*drawn[: len(own)], band(x, low, high, rgba(_COLOR, 0.16), axes), *drawn[len(own) :]]
+        sheet.data += [*drawn[: len(own)], marks.band(x, low, high, rgba(_COLOR, 0.16), axes), *drawn[len(own) :]]
     return sheet.drawn(title, subtitle, legend_px=6)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fingermodel.fingers import Finger, FingerValues
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.poses import FingerPose, bone_lengths, stub_mm
 from server.figures.style import rgba
 from server.figures.tendon_lines import tendon_connections, tendon_paths
@@ -36,53 +37,28 @@ def finger_traces(finger: Finger, values: FingerValues, pose: FingerPose, axes: 
         axes: `xaxis` and `yaxis` of the panel.
     """
     outlines = _outlines(finger, values, pose)
-    shared: dict[str, Any] = {"showlegend": False, "hoverinfo": "skip", **axes}
+    shared: dict[str, Any] = {"showlegend": False, **axes}
     stub, jaw = stub_mm(values), 1.7 * _ROUND * bone_lengths(values)[0]
     left, right = 0.72 * stub, 1.08 * stub
     first = pose.origins[finger.topology.joints[0].child][:2]
     block = first + np.array([[left, -jaw], [left, jaw], [right, jaw], [right, -jaw], [left, -jaw]])
     traces = [
-        go.Scatter(
-            **_joined([block]),
-            mode="lines",
-            fill="toself",
-            fillcolor="#e4e4e4",
-            line={"color": "#bdbdbd", "width": 1},
-            meta="clamp",
-            **shared,
-        ),
-        go.Scatter(
-            **_joined(outlines),
-            mode="lines",
-            fill="toself",
-            fillcolor=BONE_FILL,
-            line={"color": BONE_LINE, "width": 1},
-            meta="bones",
-            **shared,
-        ),
+        marks.area(*_joined([block]), "#e4e4e4", {"color": "#bdbdbd", "width": 1}, meta="clamp", **axes),
+        marks.area(*_joined(outlines), BONE_FILL, {"color": BONE_LINE, "width": 1}, meta="bones", **axes),
     ]
     for paths, width, alpha in (
         (tendon_connections(finger, values, pose), 0.7, 0.45),
         (tendon_paths(finger, values, pose), 1.2, 0.9),
     ):
         if paths:
-            line = {"color": rgba(TENDON, alpha), "width": width}
-            traces.append(go.Scatter(**_joined(paths), mode="lines", line=line, meta="tendons", **shared))
+            look = {"color": rgba(TENDON, alpha), "width": width}
+            traces.append(marks.line(*_joined(paths), look, meta="tendons", **shared))
     centres = pose.origins[[j.child for j in finger.topology.joints]]
-    traces.append(
-        go.Scatter(
-            x=centres[:, 0].tolist(),
-            y=centres[:, 1].tolist(),
-            mode="markers",
-            marker={"size": 5, "color": "#ffffff", "symbol": "circle", "line": {"color": BONE_LINE, "width": 1.2}},
-            meta="joints",
-            **shared,
-        )
-    )
-    return traces
+    ring = {"size": 5, "color": "#ffffff", "symbol": "circle", "line": {"color": BONE_LINE, "width": 1.2}}
+    return [*traces, marks.points(*marks.xy(centres[:, :2]), ring, meta="joints", **shared)]
 
 
-def _joined(lines: list[Floats]) -> dict[str, list[float | None]]:
+def _joined(lines: list[Floats]) -> tuple[list[float | None], list[float | None]]:
     """Return coordinates of several lines (n, 2) in one trace, with a gap between them."""
     x: list[float | None] = []
     y: list[float | None] = []
@@ -92,7 +68,7 @@ def _joined(lines: list[Floats]) -> dict[str, list[float | None]]:
             y.append(None)
         x += [round(float(v), 4) for v in line[:, 0]]
         y += [round(float(v), 4) for v in line[:, 1]]
-    return {"x": x, "y": y}
+    return x, y
 
 
 def _outlines(finger: Finger, values: FingerValues, pose: FingerPose) -> list[Floats]:

@@ -15,6 +15,7 @@ from fingermodel.studies.published import published_table
 from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.arrows import arrow_traces
 from server.figures.panels import Panel, drawing_axes
 from server.figures.plot import Plot
@@ -262,7 +263,6 @@ def _draw_bars(bars: Sequence[Bars], sheet: Sheet) -> None:
 
 def _panel_traces(panel: Bars, axes: dict[str, str]) -> list[go.Bar | go.Scatter]:
     traces: list[go.Bar | go.Scatter] = []
-    shared_keys: dict[str, Any] = {"showlegend": False, "hoverinfo": "text", **axes}
     for k, (color, shift) in enumerate(zip(COLORS, (-0.2, 0.2), strict=True)):
         there = [(i, n, v) for i, (n, v) in enumerate(zip(panel.names, panel.model[k], strict=True)) if v is not None]
         bar = go.Bar(
@@ -271,7 +271,9 @@ def _panel_traces(panel: Bars, axes: dict[str, str]) -> list[go.Bar | go.Scatter
             width=_WIDE,
             marker={"color": mix(color, "#ffffff", 0.25)},
             hovertext=[f"{n.replace('<br>', ' ')}: {number(v)}" for _, n, v in there],
-            **shared_keys,
+            hoverinfo="text",
+            showlegend=False,
+            **axes,
         )
         if panel.reach is not None:
             reaches = [r for r in panel.reach[k] if r is not None]
@@ -280,30 +282,16 @@ def _panel_traces(panel: Bars, axes: dict[str, str]) -> list[go.Bar | go.Scatter
         if panel.measured is not None and any(panel.measured[k]):
             found = [(i + shift + 0.08, m) for i, m in enumerate(panel.measured[k]) if m is not None]
             marker = {"symbol": "circle", "size": 8, "color": mix(color, "#ffffff", 0.72), "line": _THIN}
-            traces.append(
-                go.Scatter(
-                    x=[x for x, _ in found],
-                    y=[m.mean for _, m in found],
-                    mode="markers",
-                    marker=marker,
-                    error_y=_whiskers([m for _, m in found], INK),
-                    hovertext=[f"measured {number(m.mean)}" for _, m in found],
-                    **shared_keys,
-                )
-            )
+            spread = _whiskers([m for _, m in found], INK)
+            words = [f"measured {number(m.mean)}" for _, m in found]
+            x, means = [x for x, _ in found], [m.mean for _, m in found]
+            traces.append(marks.points(x, means, marker, words, error_y=spread, showlegend=False, **axes))
         if panel.printed is not None:
             known = [(i + shift - 0.08 * bool(panel.measured), v) for i, v in enumerate(panel.printed[k])]
             known = [(x, v) for x, v in known if v is not None]
-            traces.append(
-                go.Scatter(
-                    x=[x for x, _ in known],
-                    y=[v for _, v in known],
-                    mode="markers",
-                    marker=_PRINTED,
-                    hovertext=[f"printed {number(v)}" for _, v in known],
-                    **shared_keys,
-                )
-            )
+            words = [f"printed {number(v)}" for _, v in known]
+            x, values = [x for x, _ in known], [v for _, v in known]
+            traces.append(marks.points(x, values, _PRINTED, words, showlegend=False, **axes))
     return traces
 
 

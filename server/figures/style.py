@@ -226,21 +226,6 @@ def whiskers(
     return out if down is None else out | {"symmetric": False, "arrayminus": list(down)}
 
 
-def band(x: Sequence[Any], low: Sequence[float], high: Sequence[float], color: str, axes: Mapping[str, Any]) -> Any:
-    """Return a filled area between two lines, without an edge or a place in the legend."""
-    return go.Scatter(
-        x=[*x, *reversed(x)],
-        y=[*high, *reversed(low)],
-        mode="lines",
-        line={"width": 0},
-        fill="toself",
-        fillcolor=color,
-        hoverinfo="skip",
-        showlegend=False,
-        **axes,
-    )
-
-
 def figure(
     data: Sequence[Any],
     layout: Mapping[str, Any],

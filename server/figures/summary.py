@@ -9,6 +9,7 @@ import numpy as np
 from fingermodel.comparison.comparison import Comparison, ErrorSummary
 from fingermodel.fingers import Plane
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.sheet import Sheet
 from server.figures.style import (
     INK,
@@ -162,18 +163,17 @@ def _bars(
 ) -> go.Bar:
     errors = [_errors(comparison, row, plane) for row in rows]
     values = [getattr(e, key) for e in errors]
-    return go.Bar(
-        x=values,
-        y=[row[0] for row in rows],
+    return marks.bars(
+        values,
+        [row[0] for row in rows],
+        color,
+        [f"{row[0]}: {e.cases} cases, RMSE {rmse_text(e)}" for row, e in zip(rows, errors, strict=True)],
         orientation="h",
         # The first of a group lies lowest, so the model after comes first.
-        offsetgroup=str(1 - slot) if slot in (0, 1) else str(slot),
-        marker={"color": color, "line": {"width": 0}},
+        offsetgroup=str(1 - slot),
         text=[number(v, digits) for v in values],
         **OUTSIDE,
         textfont={"size": SMALL_PX, "color": INK},
-        hoverinfo="text",
-        hovertext=[f"{row[0]}: {e.cases} cases, RMSE {rmse_text(e)}" for row, e in zip(rows, errors, strict=True)],
         name=plain(name),
         legendgroup=name,
         showlegend=shown,

@@ -10,6 +10,7 @@ import numpy as np
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import Plane
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.sheet import Sheet, key
 from server.figures.style import (
     INK,
@@ -91,10 +92,9 @@ def z_figure(
         axis("z: norm of the force residual in standard uncertainties [1]", **scale),
         axis(range=[end, -0.5], tickvals=list(range(len(labels))), ticktext=labels, ticks="", showline=False),
     )
-    line = {"color": INK, "width": 1, "dash": "dash"}
+    dashed = {"color": INK, "width": 1, "dash": "dash"}
     name = f"95 % limit of noise alone, {number(limit, 1)}"
-    limits = go.Scatter(x=[limit, limit], y=[-0.5, end], mode="lines", line=line, name=name, hoverinfo="skip")
-    sheet.data += [limits, *data]
+    sheet.data += [marks.line([limit, limit], [-0.5, end], dashed, name=name), *data]
     return sheet.drawn(
         "Residual of every case against its measurement uncertainty",
         _subtitle(comparison, cases, plane, bent=bent),
@@ -134,11 +134,10 @@ def _points(
     where = [rows.index((c.location, c.muscles)) for c in placed]
     offset = 0.22 if shift == "before" else 0.0
     values = [float(c.z or 0.0) for c in placed]
-    return go.Scatter(
-        x=[max(v, low) for v in values],
-        y=[w + offset for w in where],
-        mode="markers",
-        marker=marker,
+    return marks.points(
+        [max(v, low) for v in values],
+        [w + offset for w in where],
+        marker,
         text=[f"{case_text(c)}<br>z = {number(v, 1)}" for c, v in zip(placed, values, strict=True)],
         hoverinfo="text",
         name=name,
