@@ -14,9 +14,9 @@ from server.figures.style import (
     SMALL_PX,
     WIDTH,
     NothingToDrawError,
-    axis,
     colorbar,
     fixed,
+    named_axis,
     number,
     plain,
 )
@@ -77,11 +77,11 @@ def confounding_figure(answer: Answer) -> go.Figure:
         hoverongaps=False,
         colorbar=colorbar("alike", [0, 0.5, 0.9, 1], ["0", "0.5", "0.9", "1"]),
     )
-    frame: dict[str, Any] = {"ticks": "", "showgrid": False, "linecolor": GRID, "tickvals": list(range(len(order)))}
+    frame: dict[str, Any] = {"showgrid": False, "linecolor": GRID}
     sheet = Sheet(plot, (left, max(WIDTH - left - plot, _RIGHT), _TOP, _BOTTOM + below))
     sheet.panel(
-        axis(ticktext=[plain(t) for t in columns], tickangle=-90, range=[-0.5, len(order) - 0.5], **frame),
-        axis(ticktext=[plain(t) for t in labels], range=[len(order) - 0.5, -0.5], **frame),
+        named_axis(range(len(order)), map(plain, columns), (-0.5, len(order) - 0.5), tickangle=-90, **frame),
+        named_axis(range(len(order)), map(plain, labels), (len(order) - 0.5, -0.5), **frame),
     )
     sheet.data.append(heat)
     for first, last in classes:

@@ -18,6 +18,7 @@ from server.figures.style import (
     NothingToDrawError,
     axis,
     load_text,
+    named_axis,
     number,
     plain,
 )
@@ -81,13 +82,7 @@ def held_out_figure(answer: Answer) -> go.Figure:
     minus = "\N{MINUS SIGN}"
     sheet.panel(
         axis(f"‖predicted {minus} measured‖ {PLANE_NAMES[plane_of(answer)]} [N]", range=[-0.015 * top, top]),
-        axis(
-            tickvals=places,
-            ticktext=[plain(t) for t in labels],
-            range=[len(cases) - 0.4, -0.6],
-            ticks="",
-            showline=False,
-        ),
+        named_axis(places, map(plain, labels), (len(cases) - 0.4, -0.6), showline=False),
     )
     sheet.data += [*_lines(cases), *_noise(cases, places), *_points(cases, places)]
     sheet.notes += [_change(c, i) for i, c in enumerate(cases)]

@@ -26,8 +26,8 @@ from server.figures.style import (
     SMALL_PX,
     WIDTH,
     NothingToDrawError,
-    axis,
     colorbar,
+    named_axis,
     number,
     plain,
     posture_name,
@@ -40,7 +40,7 @@ _TICKS = (0.5, 1, 2, 5, 10, 20)
 _ROW, _TOP, _BOTTOM, _RIGHT, _BETWEEN = 27, 100, 64, 90, 34  # [px]
 _WIDEST, _NARROWEST = 96, 34  # of a cell [px]
 _LONGEST = 24  # of a label [characters]
-_FRAME: dict[str, Any] = {"ticks": "", "showgrid": False, "linecolor": GRID, "mirror": True}
+_FRAME: dict[str, Any] = {"showgrid": False, "linecolor": GRID, "mirror": True}
 
 
 class Cell(NamedTuple):
@@ -74,22 +74,14 @@ def residual_map(answer: Answer) -> go.Figure:
     bottom = round(6.4 * max(len(_name(p)) for p in postures)) + 20 if turned else _BOTTOM
     margins = (left, max(WIDTH - left - plot, _RIGHT), _TOP, bottom)
     sheet = Sheet(_ROW * len(muscles), margins, wide=plot)
+    across = [_name(p) if turned else _lines(p) for p in postures]
+    down = [plain(shortened(m, _LONGEST)) for m in muscles]
     for index, location in enumerate(locations):
         axes = sheet.panel(
-            axis(
-                tickvals=list(range(len(postures))),
-                ticktext=[_name(p) if turned else _lines(p) for p in postures],
-                tickangle=-90 if turned else 0,
-                range=[-0.5, len(postures) - 0.5],
-                **_FRAME,
+            named_axis(
+                range(len(postures)), across, (-0.5, len(postures) - 0.5), tickangle=-90 if turned else 0, **_FRAME
             ),
-            axis(
-                tickvals=list(range(len(muscles))),
-                ticktext=[plain(shortened(m, _LONGEST)) for m in muscles],
-                range=[len(muscles) - 0.5, -0.5],
-                showticklabels=index == 0,
-                **_FRAME,
-            ),
+            named_axis(range(len(muscles)), down, (len(muscles) - 0.5, -0.5), showticklabels=index == 0, **_FRAME),
             left=index * (width + _BETWEEN),
             wide=width,
             heading=plain(shortened(_mount(location), 40)),

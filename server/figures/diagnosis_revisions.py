@@ -19,7 +19,7 @@ from server.figures.diagnosis_answer import (
     words,
 )
 from server.figures.sheet import Sheet
-from server.figures.style import INK, OUTSIDE, SMALL_PX, WIDTH, NothingToDrawError, axis, number, plain
+from server.figures.style import INK, OUTSIDE, SMALL_PX, WIDTH, NothingToDrawError, axis, named_axis, number, plain
 
 MOST_STEPS = 8
 _PANEL, _BETWEEN, _TOP, _LEFT, _RIGHT, _WIDEST = 190, 42, 104, 70, 20, 84  # [px]
@@ -79,13 +79,12 @@ def revisions_figure(answer: Answer, history: Sequence[Mapping[str, Any]] | None
     for index, location in enumerate(locations):
         own = [s.rmse_N.get(f"{role}/{location}") for s in steps for role in roles]
         axes = sheet.panel(
-            axis(
-                tickvals=list(range(len(steps))),
-                ticktext=labels,
+            named_axis(
+                range(len(steps)),
+                labels,
+                (-0.6, len(steps) - 0.4),
                 tickangle=0,
-                range=[-0.6, len(steps) - 0.4],
                 showticklabels=index == len(locations) - 1,
-                ticks="",
                 showgrid=False,
             ),
             axis("RMSE [N]", range=[0.0, 1.2 * max((v for v in own if v is not None), default=0.0) or 1.0], nticks=5),

@@ -9,7 +9,7 @@ from server.figures import graph_objects as go
 from server.figures import marks
 from server.figures.diagnosis_answer import BETTER, WORSE, Answer, probability_text, rows, shortened, value
 from server.figures.sheet import Sheet, note, shape
-from server.figures.style import INK, MUTED, SMALL_PX, NothingToDrawError, axis, plain
+from server.figures.style import INK, MUTED, SMALL_PX, NothingToDrawError, axis, named_axis, plain
 
 # From this probability on a verdict is sure.
 SURE = 0.9
@@ -73,13 +73,7 @@ def sensitivity_figure(answer: Answer) -> go.Figure:
     sheet = Sheet(round(_ROW * at), (left, *_MARGINS), showlegend=True)
     sheet.panel(
         axis("probability of what the verdict says", range=[-0.02, 1.03], tickvals=[0, 0.25, 0.5, 0.75, 1.0]),
-        axis(
-            range=[at - 0.4, -0.6],
-            tickvals=places,
-            ticktext=[plain(t) for t in labels],
-            ticks="",
-            showline=False,
-        ),
+        named_axis(places, map(plain, labels), (at - 0.4, -0.6), showline=False),
     )
     sheet.data += _dots(shown, places)
     sheet.notes += [_word(f"<b>{plain(text)}</b>", 0.0, y, "right", -8, INK) for y, text in headings]

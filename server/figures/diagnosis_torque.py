@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
 from server.figures import marks
@@ -26,6 +26,7 @@ from server.figures.style import (
     ZERO_LINE,
     NothingToDrawError,
     axis,
+    named_axis,
     number,
     plain,
     posture_name,
@@ -83,19 +84,12 @@ def torque_figure(answer: Answer) -> go.Figure:
     left = 40 + 7 * max([len(shortened(g.label, _LONGEST)) for g in groups] + [len(h) + 2 for h, _ in headings])
     sheet = Sheet(_ROW * count, (left, *_MARGINS), barmode="overlay", showlegend=True)
     wide = (sheet.wide - _BETWEEN * (len(joints) - 1)) / len(joints)
+    labels = [plain(shortened(g.label, _LONGEST)) for g in groups]
     named: set[str] = set()
     for index, joint in enumerate(joints):
         axes = sheet.panel(
             axis("missing torque [N mm]", range=[-reach, reach], nticks=6, **ZERO_LINE),
-            axis(
-                tickvals=places,
-                ticktext=[plain(shortened(g.label, _LONGEST)) for g in groups],
-                range=[count - 0.4, -0.6],
-                showticklabels=index == 0,
-                ticks="",
-                showgrid=False,
-                showline=False,
-            ),
+            named_axis(places, labels, (count - 0.4, -0.6), showticklabels=index == 0, showgrid=False, showline=False),
             left=index * (wide + _BETWEEN),
             wide=wide,
             heading=plain(shortened(joint, 16)),
@@ -103,18 +97,8 @@ def torque_figure(answer: Answer) -> go.Figure:
         )
         sheet.data += _bars(groups, places, joint, axes, named)
     for text, place in headings:
-        sheet.notes.append(
-            note(
-                f"<b>{text}</b>",
-                0.0,
-                place,
-                ("paper", "y"),
-                at=("right", "middle"),
-                shift=(-8, 0),
-                size=SMALL_PX + 1,
-                color=MUTED,
-            )
-        )
+        look: dict[str, Any] = {"at": ("right", "middle"), "shift": (-8, 0), "size": SMALL_PX + 1, "color": MUTED}
+        sheet.notes.append(note(f"<b>{text}</b>", 0.0, place, ("paper", "y"), **look))
     return sheet.drawn(
         f"Joint torque that is missing, {plain(after_which_fit(answer))}",
         _subtitle(groups, total),

@@ -26,6 +26,7 @@ from server.figures.style import (
     case_text,
     in_order,
     load_styles,
+    named_axis,
     number,
     plain,
 )
@@ -129,12 +130,11 @@ def _panel(sheet: Sheet, pairs: Sequence[tuple[CaseComparison, Floats]], index: 
     at = list(range(len(cases)))
     groups = _groups(cases)
     axes = sheet.panel(
-        axis(
-            range=[-0.7, len(cases) - 0.3],
-            tickvals=[0.5 * (a + b - 1) for _, a, b in groups],
-            ticktext=[name for name, _, _ in groups],
+        named_axis(
+            [0.5 * (a + b - 1) for _, a, b in groups],
+            [name for name, _, _ in groups],
+            (-0.7, len(cases) - 0.3),
             tickangle=-60,
-            ticks="",
             showticklabels=last,
             showgrid=False,
             showline=False,

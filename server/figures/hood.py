@@ -12,7 +12,20 @@ from numpy.typing import NDArray
 from server.figures import graph_objects as go
 from server.figures import marks
 from server.figures.sheet import On, Sheet, note, shape
-from server.figures.style import BARE, INK, MUTED, SMALL_PX, WIDTH, axis, fixed, mix, number, plain, whiskers
+from server.figures.style import (
+    BARE,
+    INK,
+    MUTED,
+    SMALL_PX,
+    WIDTH,
+    axis,
+    fixed,
+    mix,
+    named_axis,
+    number,
+    plain,
+    whiskers,
+)
 
 Floats = NDArray[np.float64]
 TAUT, SLACK, REST, BONE = "#0072B2", "#D55E00", "#b4b4b4", "#d9d2c3"
@@ -113,7 +126,7 @@ def forces_figure(
     sheet = Sheet(len(titles) * _BARS + (len(titles) - 1) * _BARS_GAP, (72, 24, 88, 92), barmode="overlay")
     for k, title in enumerate(titles):
         axes = sheet.panel(
-            axis(range=[-0.6, len(at) - 0.4], tickvals=at, ticktext=list(springs), showgrid=False, ticks=""),
+            named_axis(at, springs, (-0.6, len(at) - 0.4), showgrid=False),
             axis("force [N]", rangemode="tozero", nticks=6),
             top=k * (_BARS + _BARS_GAP),
             high=_BARS,

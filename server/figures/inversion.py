@@ -24,6 +24,7 @@ from server.figures.style import (
     in_order,
     load_styles,
     load_text,
+    named_axis,
     number,
     plain,
     posture_name,
@@ -187,12 +188,11 @@ def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, 
     for k, panel in enumerate(panels):
         span = _span(panel)
         axes = sheet.panel(
-            axis(
-                range=reach,
+            named_axis(
+                [0.5 * (begin + end) for _, begin, end in order.loads],
+                [plain(name) for name, _, _ in order.loads],
+                reach,
                 showgrid=False,
-                ticks="",
-                tickvals=[0.5 * (begin + end) for _, begin, end in order.loads],
-                ticktext=[plain(name) for name, _, _ in order.loads],
                 tickangle=-40 if crowded else 0,
                 showticklabels=k == len(panels) - 1,
             ),

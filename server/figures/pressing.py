@@ -11,7 +11,7 @@ import numpy as np
 from server.figures import graph_objects as go
 from server.figures import marks
 from server.figures.sheet import Sheet
-from server.figures.style import INK, ZERO_LINE, axis, mix, number, plain, whiskers
+from server.figures.style import INK, ZERO_LINE, axis, mix, named_axis, number, plain, whiskers
 
 COLORS = {"minimal": "#0072B2", "chao": "#D55E00"}
 _PANEL, _GAP, _MARGINS = 190, 52, (72, 24, 96, 84)  # [px]
@@ -46,13 +46,7 @@ def pressing_figure(panels: Sequence[Panel], models: Mapping[str, str]) -> go.Fi
     for k, panel in enumerate(panels):
         at = np.arange(len(panel.columns), dtype=float)
         axes = sheet.panel(
-            axis(
-                range=[-0.6, len(at) - 0.4],
-                tickvals=at.tolist(),
-                ticktext=list(panel.columns),
-                showgrid=False,
-                ticks="",
-            ),
+            named_axis(at, panel.columns, (-0.6, len(at) - 0.4), showgrid=False),
             axis("force / load [1]", nticks=6, **ZERO_LINE),
             top=k * (_PANEL + _GAP),
             high=_PANEL,

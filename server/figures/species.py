@@ -24,7 +24,7 @@ from server.figures.report import Section, Table, write_report
 from server.figures.scales import scale_bars
 from server.figures.sheet import Sheet, key, note, panel_axes
 from server.figures.skeleton import finger_traces
-from server.figures.style import INK, WIDTH, axis, mix, number, plain, whiskers
+from server.figures.style import INK, WIDTH, axis, mix, named_axis, number, plain, whiskers
 from server.figures.style import posture_name as named
 
 Floats = NDArray[np.float64]
@@ -242,13 +242,7 @@ def _draw_bars(bars: Sequence[Bars], sheet: Sheet) -> None:
     unit = (sheet.wide - left - gap * (len(bars) - 1)) / sum(shares)
     for panel, count, share in zip(bars, counts, shares, strict=True):
         axes = sheet.panel(
-            axis(
-                range=[-0.7, count - 0.3],
-                tickvals=list(range(count)),
-                ticktext=list(panel.names),
-                showgrid=False,
-                ticks="",
-            ),
+            named_axis(range(count), panel.names, (-0.7, count - 0.3), showgrid=False),
             axis("" if panel.unit == "1" else panel.unit, rangemode="tozero", nticks=6),
             left=left,
             top=sheet.high - _BARS,

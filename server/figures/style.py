@@ -173,6 +173,11 @@ def axis(title: str = "", **changes: Any) -> dict[str, Any]:
     return out | changes
 
 
+def named_axis(places: Iterable[float], names: Iterable[str], span: Sequence[float], **changes: Any) -> dict[str, Any]:
+    """Return an axis over a span on which names, marked up, stand at places, without ticks."""
+    return axis(tickvals=list(places), ticktext=list(names), range=list(span), ticks="") | changes
+
+
 def colorbar(title: str, values: Sequence[float], words: Sequence[str]) -> dict[str, Any]:
     """Return a heatmap's scale of colours, as high as its panel."""
     return {

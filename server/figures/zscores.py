@@ -19,6 +19,7 @@ from server.figures.style import (
     case_text,
     in_order,
     load_styles,
+    named_axis,
     number,
     plain,
 )
@@ -90,7 +91,7 @@ def z_figure(
     sheet = Sheet(len(rows) * _ROW, _MARGINS)
     sheet.panel(
         axis("z: norm of the force residual in standard uncertainties [1]", **scale),
-        axis(range=[end, -0.5], tickvals=list(range(len(labels))), ticktext=labels, ticks="", showline=False),
+        named_axis(range(len(labels)), labels, (end, -0.5), showline=False),
     )
     dashed = {"color": INK, "width": 1, "dash": "dash"}
     name = f"95 % limit of noise alone, {number(limit, 1)}"
