@@ -7,7 +7,8 @@ one or two moment arms fitted to the study's first posture.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -81,11 +82,12 @@ def reproduce(progress: Progress) -> Reproduction:
         *_claim_rows(published),
         *_table_rows(own, published, NORMATIVE),
         *_change_rows(own, published, NORMATIVE),
+        *_range_rows(own, published, NORMATIVE),
+        *_fitted_rows(flexor[:1], published, FLEXOR),
+        *_fitted_rows(terminal, published, TERMINAL),
+        *_range_rows(terminal, published, TERMINAL),
+        *_flexion_rows(TERMINAL, {c: (-terminal[0].change_pct(c), -terminal[-1].change_pct(c)) for c in COLUMNS}),
     ]
-    rows += _range_rows(own, published, NORMATIVE)
-    rows += [*_fitted_rows(flexor[:1], published, FLEXOR), *_fitted_rows(terminal, published, TERMINAL)]
-    rows += _range_rows(terminal, published, TERMINAL)
-    rows += _flexion_rows(TERMINAL, {c: (-terminal[0].change_pct(c), -terminal[-1].change_pct(c)) for c in COLUMNS})
     sheets = (
         forces_sheet("Terminal slip fitted to posture 1: forces per newton of load", terminal, published, MEANS),
         forces_sheet("Flexor fitted to posture 1: forces per newton of load", flexor, published, CARRIED),
@@ -97,54 +99,48 @@ def reproduce(progress: Progress) -> Reproduction:
     progress(1.0)
     return Reproduction(
         tuple(rows),
-        tuple(reference("hu2014a")["assumptions"]),
+        tuple(published["assumptions"]),
         sheets,
         {"pressing": {who: [p.as_dict() for p in answers] for who, answers in forces.items()}},
         lambda: _plots(forces, published),
     )
 
 
-def _law_rows(published: dict[str, Any]) -> list[Row]:
-    rows = []
+def _law_rows(published: dict[str, Any]) -> Iterator[Row]:
     for k, columns in enumerate(published["full"]):
         extensor, _, radial, ulnar = (columns[i][0] for i in range(4))
         ours = 0.4 * (float(radial) + float(ulnar))
-        rows.append(row(f"Table 2, posture {k + 1}: LE by the laws from its RI + LU and UI", extensor, ours, "P", LAWS))
-    return rows
+        yield row(f"Table 2, posture {k + 1}: LE by the laws from its RI + LU and UI", extensor, ours, "P", LAWS)
 
 
-def _claim_rows(published: dict[str, Any]) -> list[Row]:
-    """Return rows on the hood's influence as the study's text states it, against its own tables."""
+def _claim_rows(published: dict[str, Any]) -> Iterator[Row]:
+    """Yield rows on the hood's influence as the study's text states it, against its own tables."""
     changes: dict[str, list[float]] = {c: [] for c in COLUMNS}
     for k in range(4):
         without, with_hood = (means(published, model, (k + 1,)) for model in ("minimal", "full"))
         for c in COLUMNS:
             changes[c].append(100.0 * (1.0 - with_hood[c] / without[c]))
     said = published["changes_pct"]
-    rows = []
     for what, less, (low, high) in (
         ("intrinsics", [*changes["radial"], *changes["ulnar"]], said["intrinsics"]),
         ("MCP contact", changes["MCP"], said["MCP"]),
     ):
-        rows.append(row(f"Tables 1 and 2, {what} less with the hood: least", low, min(less), "%", CHANGES))
-        rows.append(row(f"Tables 1 and 2, {what} less with the hood: most", high, max(less), "%", CHANGES))
+        yield row(f"Tables 1 and 2, {what} less with the hood: least", low, min(less), "%", CHANGES)
+        yield row(f"Tables 1 and 2, {what} less with the hood: most", high, max(less), "%", CHANGES)
     name = "Tables 1 and 2, posture 2: extensor less with the hood"
-    rows.append(row(name, said["extensor, posture 2"], changes["extensor"][1], "%", CHANGES))
-    return rows + _flexion_rows("Tables 1 and 2", {c: (less[0], less[3]) for c, less in changes.items()})
+    yield row(name, said["extensor, posture 2"], changes["extensor"][1], "%", CHANGES)
+    yield from _flexion_rows("Tables 1 and 2", {c: (less[0], less[3]) for c, less in changes.items()})
 
 
-def _flexion_rows(who: str, less: Mapping[str, tuple[float, float]]) -> list[Row]:
-    """Return rows on whether the hood takes more off a force in posture 1 than in posture 4 [%]."""
-    rows = []
+def _flexion_rows(who: str, less: Mapping[str, tuple[float, float]]) -> Iterator[Row]:
+    """Yield rows on whether the hood takes more off a force in posture 1 than in posture 4 [%]."""
     for column, what in (("MCP", "MCP contact"), ("radial", "radial intrinsics"), ("ulnar", "ulnar intrinsics")):
         more = less[column][0] - less[column][1]
         name = f"{who}, {what}: taken off in posture 1 less that in posture 4"
-        rows.append(Row(name, None, more, "%", more > 0.0, GROWS, "above 0"))
-    return rows
+        yield Row(name, None, more, "%", more > 0.0, GROWS, "above 0")
 
 
-def _table_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> list[Row]:
-    rows = []
+def _table_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> Iterator[Row]:
     for p in own:
         for model, label in MODELS.items():
             for i, column in enumerate(COLUMNS):
@@ -153,38 +149,32 @@ def _table_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> 
                 printed = [published[PUBLISHED[model]][k - 1][i] for k in p.postures]
                 if len(printed) == 1:
                     mean, spread = printed[0]
-                    rows.append(row_about(name, mean, spread, ours, "P", note))
+                    yield row_about(name, mean, spread, ours, "P", note)
                 else:
                     low = min(float(m) - float(sd) for m, sd in printed)
                     high = max(float(m) + float(sd) for m, sd in printed)
                     note = f"{note}; {MIXED}" if note else MIXED
-                    rows.append(row_within(name, f"{low:.3f}", f"{high:.3f}", ours, "P", note))
-    return rows
+                    yield row_within(name, f"{low:.3f}", f"{high:.3f}", ours, "P", note)
 
 
-def _change_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> list[Row]:
-    """Return rows on the hood's influence, against the study's text."""
-    changes, rows = published["changes_pct"], []
+def _change_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> Iterator[Row]:
+    """Yield rows on the hood's influence, against the study's text."""
+    changes = published["changes_pct"]
     for p in own:
         flexed = p.postures == (1,)
         name = f"{who}, {p.title}, with the hood"
-        decrease = -p.change_pct("MCP")
         low, high = changes["MCP, two most flexed" if flexed else "MCP"]
-        rows.append(row_within(f"{name}: MCP contact less by", low, high, decrease, "%"))
+        yield row_within(f"{name}: MCP contact less by", low, high, -p.change_pct("MCP"), "%")
         low, high = changes["intrinsics, two most flexed" if flexed else "intrinsics"]
         for column in ("radial", "ulnar"):
-            change = -p.change_pct(column)
-            rows.append(row_within(f"{name}: {column} intrinsics less by", low, high, change, "%"))
+            yield row_within(f"{name}: {column} intrinsics less by", low, high, -p.change_pct(column), "%")
         low, high = changes["DIP and PIP"]
         # The study excepts the PIP of the most flexed posture.
         for column in ("DIP",) if flexed else ("DIP", "PIP"):
-            change = p.change_pct(column)
-            rows.append(row_within(f"{name}: {column} contact more by", low, high, change, "%"))
-    return rows
+            yield row_within(f"{name}: {column} contact more by", low, high, p.change_pct(column), "%")
 
 
-def _range_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> list[Row]:
-    rows = []
+def _range_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> Iterator[Row]:
     for what, columns in (
         ("DIP and PIP contact", ("DIP", "PIP")),
         ("MCP contact", ("MCP",)),
@@ -192,20 +182,18 @@ def _range_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> 
     ):
         every = [p.forces[model][c] for p in own for model in MODELS for c in columns]
         low, high = published["subject_ranges"][what]
-        rows.append(row_within(f"{who}, {what}: least", low, high, min(every), "P", SUBJECT))
-        rows.append(row_within(f"{who}, {what}: most", low, high, max(every), "P", SUBJECT))
-    return rows
+        yield row_within(f"{who}, {what}: least", low, high, min(every), "P", SUBJECT)
+        yield row_within(f"{who}, {what}: most", low, high, max(every), "P", SUBJECT)
 
 
-def _fitted_rows(fitted: Sequence[Pressed], published: dict[str, Any], who: str) -> list[Row]:
+def _fitted_rows(fitted: Sequence[Pressed], published: dict[str, Any], who: str) -> Iterator[Row]:
     given = ("posture 1, no hood: flexor", *(["posture 1, no hood: extensor"] if who == FLEXOR else []))
-    rows = []
     for r in _table_rows(fitted, published, who):
         if r.quantity.endswith(given):
-            rows.append(not_available(r.quantity, r.printed.split()[0], r.ours, r.unit, GIVEN))
+            yield not_available(r.quantity, r.printed.split()[0], r.ours, r.unit, GIVEN)
         else:
-            rows.append(Row(r.quantity, r.published, r.ours, r.unit, r.agrees, r.note or UNUSED[who], r.printed))
-    return rows + _change_rows(fitted, published, who)
+            yield replace(r, note=r.note or UNUSED[who])
+    yield from _change_rows(fitted, published, who)
 
 
 def _plots(forces: dict[str, list[Pressed]], published: dict[str, Any]) -> list[Plot]:
@@ -215,12 +203,8 @@ def _plots(forces: dict[str, list[Pressed]], published: dict[str, Any]) -> list[
 
     def panel(p: Pressed, who: str) -> Panel:
         tables = {m: [printed(m, p.postures, i) for i in range(len(COLUMNS))] for m in MODELS}
-        return Panel(
-            f"{who[:1].upper()}{who[1:]}, {p.title}",
-            COLUMNS,
-            tables,
-            {m: [p.forces[m][c] for c in COLUMNS] for m in MODELS},
-        )
+        forces = {m: [p.forces[m][c] for c in COLUMNS] for m in MODELS}
+        return Panel(f"{who[:1].upper()}{who[1:]}, {p.title}", COLUMNS, tables, forces)
 
     fitted = [panel(p, TERMINAL) for p in forces[TERMINAL]] + [panel(forces[FLEXOR][0], FLEXOR)]
     return [

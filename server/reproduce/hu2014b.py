@@ -7,7 +7,7 @@ The paper prints neither where its nodes lie, nor its stiffnesses, nor the bones
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from fingermodel.compiled.compilation import prepare_jax
@@ -58,12 +58,12 @@ def reproduce(progress: Progress) -> Reproduction:
     loads = printed_loads()
     held = held_by(finger, loads, [pulls_by_table_1(load) for load in loads])
     progress(0.2)
-    springs = hood_of(finger).network.springs
+    hood = hood_of(finger)
+    springs = hood.network.springs
     rows = [*_sum_rows(loads), *_muscle_rows(loads), *_contact_rows(loads, contact_of(finger, loads, held))]
     for k, one in enumerate(held):
         rows += _component_rows(k + 1, one, springs)
     rows += _text_rows(held, springs)
-    hood = hood_of(finger)
     sheets = [pulls_sheet(loads), nodes_sheet(held, hood), springs_sheet(held, springs)]
     sheets += [stiffness_sheet(hood), layouts_sheet(loads)]
     progress(0.4)
@@ -77,42 +77,24 @@ def reproduce(progress: Progress) -> Reproduction:
     )
 
 
-def _sum_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
+def _sum_rows(loads: Sequence[dict[str, Any]]) -> Iterator[Row]:
     """Set Table 1 against Tables 2 and 3: whether the paper's own forces meet at its nodes."""
-    rows = []
-    for k, load in enumerate(loads):
+    for k, load in enumerate(loads, 1):
         size = sum(x * x for x in load["force_N"]) ** 0.5
         sums = pulls_by_components(load)
-        rows += [
-            row(
-                f"posture {k + 1}, {m}: sum of its springs' printed forces",
-                load["printed"][m],
-                sums[m] / size,
-                "P",
-                SUMS,
-            )
-            for m in ("RI", "LU", "UI")
-        ]
-    return rows
+        for m in ("RI", "LU", "UI"):
+            name = f"posture {k}, {m}: sum of its springs' printed forces"
+            yield row(name, load["printed"][m], sums[m] / size, "P", SUMS)
 
 
-def _muscle_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
-    """Return Table 1's muscle forces from Eqs 7 and 8 with An's index finger."""
+def _muscle_rows(loads: Sequence[dict[str, Any]]) -> Iterator[Row]:
+    """Yield Table 1's muscle forces from Eqs 7 and 8 with An's index finger."""
     finger = index_finger(reference("hu2014a"))
-    rows = []
-    for k, load in enumerate(loads):
+    for k, load in enumerate(loads, 1):
         muscle = pressing_forces(finger, load["theta_deg"], load["force_N"], "chao").muscle
-        rows += [
-            row(
-                f"posture {k + 1}, {m}: muscle force by Eqs 7 and 8",
-                load["printed"][m],
-                muscle[m],
-                "P",
-                f"{PUSH}; {ANATOMY}" if muscle[m] < 0.0 else ANATOMY,
-            )
-            for m in ("RI", "LU", "UI")
-        ]
-    return rows
+        for m in ("RI", "LU", "UI"):
+            note = f"{PUSH}; {ANATOMY}" if muscle[m] < 0.0 else ANATOMY
+            yield row(f"posture {k}, {m}: muscle force by Eqs 7 and 8", load["printed"][m], muscle[m], "P", note)
 
 
 def _contact_rows(loads: Sequence[dict[str, Any]], contact: Sequence[dict[str, float]]) -> list[Row]:
@@ -123,10 +105,9 @@ def _contact_rows(loads: Sequence[dict[str, Any]], contact: Sequence[dict[str, f
     ]
 
 
-def _component_rows(number: int, held: Held, springs: Sequence[str]) -> list[Row]:
-    """Return the length change and force of every spring, as printed and, where that is a misprint, as mended."""
+def _component_rows(number: int, held: Held, springs: Sequence[str]) -> Iterator[Row]:
+    """Yield the length change and force of every spring, as printed and, where that is a misprint, as mended."""
     tables = reference("hu2014b")
-    rows = []
     for i, spring in enumerate(springs):
         length, force = tables["components"][held.name][spring]
         mend = tables["misprints"].get(held.name, {}).get(spring, {})
@@ -137,17 +118,16 @@ def _component_rows(number: int, held: Held, springs: Sequence[str]) -> list[Row
         ):
             name, likely = f"posture {number}, {spring}: {what}", mend.get(f"{what.split()[0]}_{unit}", printed)
             if likely != printed:
-                rows.append(not_available(name, printed, ours, unit, MISPRINT))
+                yield not_available(name, printed, ours, unit, MISPRINT)
                 name += ", mended"
             near = _near(ours, likely, allowed)
             if force != "0":
-                rows.append(Row(name, float(likely), ours, unit, near, ALLOWED, likely))
+                yield Row(name, float(likely), ours, unit, near, ALLOWED, likely)
             elif what == "force" and spring in PLACED:
-                rows.append(not_available(name, printed, ours, unit, GIVEN))
+                yield not_available(name, printed, ours, unit, GIVEN)
             else:
                 agrees = slack and (what == "force" or near)
-                rows.append(Row(name, float(likely), ours, unit, agrees, SLACK, likely))
-    return rows
+                yield Row(name, float(likely), ours, unit, agrees, SLACK, likely)
 
 
 def _text_rows(held: Sequence[Held], springs: Sequence[str]) -> list[Row]:
@@ -156,16 +136,11 @@ def _text_rows(held: Sequence[Held], springs: Sequence[str]) -> list[Row]:
     most_force = sum(int(h.force_N.argmax()) == index["CD"] for h in held)
     most_change = sum(int(h.change_mm.argmax()) == index["MN"] for h in held)
     smaller = sum(max(h.force_N[index[s]] for s in ("FA", "LA", "FG", "LM")) < 0.5 * h.force_N.max() for h in held)
+    less = "'smaller forces' is taken as less than half of the largest"
     return [
         row("postures in which CD carries most", "3", float(most_force), "of 3"),
         row("postures in which MN lengthens most", "3", float(most_change), "of 3"),
-        row(
-            "postures in which FA, LA, FG and LM carry less",
-            "3",
-            float(smaller),
-            "of 3",
-            "'smaller forces' is taken as less than half of the largest",
-        ),
+        row("postures in which FA, LA, FG and LM carry less", "3", float(smaller), "of 3", less),
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from server.figures.plot import Plot
 from server.figures.specimen_spread import spread_of
 from server.reproduce.printed import reference, rows_beside
 from server.reproduce.study import Progress, Reproduction, Sheet
-
-if TYPE_CHECKING:
-    pass
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
 Numbers = dict[str, float | None]

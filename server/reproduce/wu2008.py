@@ -7,6 +7,7 @@ beside ours as well; it differs from the paper's own figures.
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -114,23 +115,16 @@ def _plots() -> list[Plot]:
     return movement_plots(tap("wu2008"), Reference("AMMR's output", output["t_s"], forces))
 
 
-def _inertia_rows() -> list[Row]:
-    rows = []
+def _inertia_rows() -> Iterator[Row]:
     for shape in read_segments("wu2008"):
         name, mass, *moments = TABLE_1B[shape.bone]
         ours = shape.inertia()
         low, high = _mass_range_g(shape)
-        note = (
-            ""
-            if abs(1e3 * ours.mass_kg - float(mass)) <= 0.5 * 10.0 ** -len(mass.partition(".")[2])
-            else (f"the dimensions as printed, to 0.01 mm, allow {low:.3f} to {high:.3f} g")
-        )
-        rows.append(row(f"mass, {name} segment", mass, 1e3 * ours.mass_kg, "g", note))
-        rows += [
-            row(f"I_{axis}{axis}, {name} segment", text, float(value), "kg mm²")
-            for axis, text, value in zip("xyz", moments, ours.moments_kg_mm2, strict=True)
-        ]
-    return rows
+        rounded = abs(1e3 * ours.mass_kg - float(mass)) <= 0.5 * 10.0 ** -len(mass.partition(".")[2])
+        note = "" if rounded else f"the dimensions as printed, to 0.01 mm, allow {low:.3f} to {high:.3f} g"
+        yield row(f"mass, {name} segment", mass, 1e3 * ours.mass_kg, "g", note)
+        for axis, text, value in zip("xyz", moments, ours.moments_kg_mm2, strict=True):
+            yield row(f"I_{axis}{axis}, {name} segment", text, float(value), "kg mm²")
 
 
 def _mass_range_g(shape: SegmentShape) -> tuple[float, float]:
@@ -159,8 +153,8 @@ def _peak_rows(result: MovementResult) -> list[Row]:
     ]
 
 
-def _order_rows(result: MovementResult) -> list[Row]:
-    """Return rows on the order in time; a row's figure is a time, or a share where the paper speaks of size."""
+def _order_rows(result: MovementResult) -> Iterator[Row]:
+    """Yield rows on the order in time; a row's figure is a time, or a share where the paper speaks of size."""
     times, contact = result.times_s, result.contact_s()
     assert contact is not None  # noqa: S101 - the tap has a force
     first, last = contact
@@ -172,85 +166,48 @@ def _order_rows(result: MovementResult) -> list[Row]:
     def statement(quantity: str, printed: str, ours: float, unit: str, holds: bool, note: str = "") -> Row:
         return Row(quantity, None, ours, unit, bool(holds), note, printed)
 
-    rows = [row_about("contact of fingertip and key", "0.180", "0.010", last - first, "s", AROUND)]
+    yield row_about("contact of fingertip and key", "0.180", "0.010", last - first, "s", AROUND)
     for m in ("EC", "EI"):
         on = float(times[np.flatnonzero(active[m] > 0.1 * active[m].max())[0]])
-        rows.append(
-            statement(f"{m} becomes active", f"before the downswing ({downswing:.3f})", on, "s", on < downswing, REST)
-        )
+        yield statement(f"{m} becomes active", f"before the downswing ({downswing:.3f})", on, "s", on < downswing, REST)
     for m in ("FDS", "FDP", "UI", "RI"):
         on = float(times[np.flatnonzero(active[m] > 0.5 * active[m].max())[0]])
-        printed = f"shortly before contact ({first:.3f})"
-        rows.append(
-            statement(
-                f"{m} exceeds half of its peak", printed, on, "s", -0.05 <= on - first <= 0.01, f"{AROUND}; {REST}"
-            )
-        )
+        printed, why = f"shortly before contact ({first:.3f})", f"{AROUND}; {REST}"
+        yield statement(f"{m} exceeds half of its peak", printed, on, "s", -0.05 <= on - first <= 0.01, why)
     for m in ("FDP", "FDS", "UI", "RI"):
         at = float(times[total[m].argmax()])
-        rows.append(statement(f"peak of {m}", f"in contact ({first:.3f} to {last:.3f})", at, "s", first <= at <= last))
+        yield statement(f"peak of {m}", f"in contact ({first:.3f} to {last:.3f})", at, "s", first <= at <= last)
     for m in ("EC", "EI"):
         at = float(times[total[m].argmax()])
-        rows.append(statement(f"peak of {m}", "before or after contact", at, "s", not first <= at <= last))
+        yield statement(f"peak of {m}", "before or after contact", at, "s", not first <= at <= last)
         again = float(active[m][times > last].max() / active[m].max())
-        rows.append(statement(f"{m} after contact, over its peak", "active again", again, "1", again > 0.1))
+        yield statement(f"{m} after contact, over its peak", "active again", again, "1", again > 0.1)
     early, late = (times >= first) & (times <= first + 0.03), (times > first + 0.03) & (times <= last)
     for name, near, within in (("second", 0.05, early), ("third", 0.11, late)):
         at = float(times[within][total["FDP"][within].argmax()])
-        rows.append(statement(f"{name} peak of FDP", f"around {near:g}", at, "s", abs(at - near) <= 0.01, AROUND))
+        yield statement(f"{name} peak of FDP", f"around {near:g}", at, "s", abs(at - near) <= 0.01, AROUND)
     before = (times > downswing) & (times < first)
     at = float(times[before][total["EC"][before].argmax()])
     why = "between AMMR's samples, 10 ms apart, the acceleration is a straight line, so its peaks are at samples"
-    rows.append(row_within("first peak, by inertia, of EC", "0.025", "0.030", at, "s", why))
-    small = float(total["LU"].max() / total["FDP"].max())
-    rows.append(
-        statement(
-            "peak of LU over peak of FDP",
-            "very small",
-            small,
-            "1",
-            small < 0.05,
-            "of LU, 'very small' is taken as below 0.05",
-        )
-    )
-    return rows
+    yield row_within("first peak, by inertia, of EC", "0.025", "0.030", at, "s", why)
+    small, why = float(total["LU"].max() / total["FDP"].max()), "of LU, 'very small' is taken as below 0.05"
+    yield statement("peak of LU over peak of FDP", "very small", small, "1", small < 0.05, why)
 
 
-def _passive_rows(result: MovementResult) -> list[Row]:
+def _passive_rows(result: MovementResult) -> Iterator[Row]:
     at_peak = {p["muscle"]: 100.0 * p["passive_share"] for p in result.peaks()}
     most = dict(zip(result.muscles, 100.0 * result.passive_N.max(axis=0) / result.force.max(axis=0), strict=True))
-    rows = []
     for m, printed in (("UI", "18"), ("RI", "10")):
-        rows += [
-            row(f"passive force of {m} at its peak", printed, at_peak[m], "%", READINGS),
-            row(f"greatest passive force of {m} over its peak", printed, most[m], "%", READINGS),
-        ]
-    rows += [
-        row_within(
-            f"greatest passive force of {m} over its peak",
-            "0",
-            "5",
-            most[m],
-            "%",
-            "negligible in the whole movement, says the paper",
-        )
-        for m in ("FDP", "FDS", "EC", "EI", "LU")
-    ]
+        yield row(f"passive force of {m} at its peak", printed, at_peak[m], "%", READINGS)
+        yield row(f"greatest passive force of {m} over its peak", printed, most[m], "%", READINGS)
+    why = "negligible in the whole movement, says the paper"
+    for m in ("FDP", "FDS", "EC", "EI", "LU"):
+        yield row_within(f"greatest passive force of {m} over its peak", "0", "5", most[m], "%", why)
     greatest = result.passive_N.max(axis=0)
     two = {result.muscles[i] for i in np.argsort(greatest)[-2:]}
     least = float(min(greatest[result.muscles.index(m)] for m in ("UI", "RI")))
-    rows.append(
-        Row(
-            "greatest passive forces",
-            None,
-            least,
-            "N",
-            two == {"UI", "RI"},
-            "of the two greatest passive forces the lesser is shown",
-            "in UI and RI",
-        )
-    )
-    return rows
+    why = "of the two greatest passive forces the lesser is shown"
+    yield Row("greatest passive forces", None, least, "N", two == {"UI", "RI"}, why, "in UI and RI")
 
 
 def _torque_rows() -> list[Row]:
