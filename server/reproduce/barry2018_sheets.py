@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fingermodel.studies.activation import DIRECTIONS, work_out
 from fingermodel.studies.activation_result import ActivationResult, angle_between
 from server.reproduce.printed import reference
-from server.reproduce.study import Sheet
+from server.reproduce.study import Line, Sheet
 
 if TYPE_CHECKING:
     from fingermodel.isometric.forces import IsometricFinger
@@ -40,48 +40,37 @@ def alone(result: ActivationResult) -> Sheet:
     """Return the tension and tip force of every muscle, fully active."""
     lines = []
     for m in result.alone:
-        data = m.as_dict()
-        lines.append(
-            (
-                m.muscle, m.tension_N, *map(float, m.per_newton), data["sagittal"]["direction_deg"],
-                data["coronal"]["direction_deg"], data["sagittal"]["magnitude_N"], data["coronal"]["magnitude_N"],
-            )
-        )  # fmt: skip
+        planes = [m.as_dict()[plane] for plane in ("sagittal", "coronal")]
+        turned, sizes = ([plane[key] for plane in planes] for key in ("direction_deg", "magnitude_N"))
+        lines.append((m.muscle, m.tension_N, *map(float, m.per_newton), *turned, *sizes))
     return Sheet(
         f"Tip force of each muscle alone, {result.finger}",
         (
             "muscle", "tension, fully active [N]", "proximal [N/N]", "dorsal [N/N]", "radial [N/N]",
             "sagittal direction [deg]", "coronal direction [deg]", "sagittal [N]", "coronal [N]",
         ),
-        tuple(lines),
+        lines,
         ("On the clamp, in the distal phalanx's axes; directions from proximal towards dorsal and towards radial.",),
     )  # fmt: skip
 
 
 def levels(cases: Sequence[Case]) -> Sheet:
     """Tabulate the muscles behind the baselines' forces."""
-    lines: list[tuple[str | float | None, ...]] = []
-    for case in cases:
-        r = case.result
-        lines += [
-            (case.name, m, 100.0 * float(a), float(t))
-            for m, a, t in zip(r.muscles, r.activation, r.tension_N, strict=True)
-            if a > 0.0 or t > 0.1
-        ]
     return Sheet(
         "Activities of the baselines",
         ("baseline", "muscle", "activation [%]", "tension [N]"),
-        tuple(lines),
-        tuple(f"{c.name}: {note}" for c in cases for note in c.result.notes if "torque:" in note),
+        [
+            (case.name, m, 100.0 * float(a), float(t))
+            for case in cases
+            for m, a, t in zip(case.result.muscles, case.result.activation, case.result.tension_N, strict=True)
+            if a > 0.0 or t > 0.1
+        ],
+        [f"{c.name}: {note}" for c in cases for note in c.result.notes if "torque:" in note],
     )
 
 
 def deficits(case: Case) -> Sheet:
     """Return the size and turn of one baseline's force while each muscle loses activation."""
-    lines: list[tuple[str | float | None, ...]] = []
-    for d in case.result.deficits:
-        sizes, turned, percent = d.magnitudes, d.change_deg(), d.change_pct
-        lines.append((d.muscle, *map(float, sizes), *turned[1:], percent[-1]))
     levels = case.result.deficits[0].levels_pct
     return Sheet(
         f"Deficits: {case.name}",
@@ -91,7 +80,7 @@ def deficits(case: Case) -> Sheet:
             *(f"{x:g} % turned [deg]" for x in levels[1:]),
             "0 %, change of size [%]",
         ),
-        tuple(lines),
+        [(d.muscle, *map(float, d.magnitudes), *d.change_deg()[1:], d.change_pct[-1]) for d in case.result.deficits],
     )
 
 
@@ -102,21 +91,19 @@ def reach(cases: Sequence[Case]) -> Sheet:
         (palmar, "FDP", "60 deg, 1.9 N"), (dorsal, "FDI", "83 deg"), (thumb_dorsal, "EPL", "73.1 deg, 4.4 N"),
         (thumb_palmar, "FPL", "40.5 N less at 50 %"), (thumb_palmar, "ADP", "32 N less"),
     )  # fmt: skip
-    lines: list[tuple[str | float | None, ...]] = []
+    lines = []
     for case, muscle, printed in published:
-        ends = [_lost(case, muscle, sign) for sign in (1.0, -1.0)]
         start = case.size_N * np.array(DIRECTIONS[case.direction])
-        cells: list[float | None] = []
-        for tension, force in ends:
-            cells += [tension, angle_between(start, force), float(np.linalg.norm(force))]
-        lines.append((case.name, muscle, printed, *cells))
+        ends = [_lost(case, muscle, sign) for sign in (1.0, -1.0)]
+        cells = [(tension, angle_between(start, force), float(np.linalg.norm(force))) for tension, force in ends]
+        lines.append((case.name, muscle, printed, *cells[0], *cells[1]))
     return Sheet(
         "Total loss of a muscle, over all activities that put the baseline's force on the clamp",
         (
             "baseline", "muscle", "published", "least tension [N]", "turned [deg]", "force left [N]",
             "most tension [N]", "turned [deg] ", "force left [N] ",
         ),
-        tuple(lines),
+        lines,
         (
             "With or without a torque on the clamp. A force changes by what the lost tension did: the published turns "
             "need the tensions that EMG gave the paper's muscles.",
@@ -144,7 +131,7 @@ def _lost(case: Case, muscle: str, sign: float) -> tuple[float, Floats]:
 
 def postures(cases: Sequence[Case]) -> Sheet:
     """Return the tip force per newton of tension where the finger is held otherwise."""
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
     choices: tuple[tuple[Case, dict[str, float], tuple[str, ...]], ...] = (
         (cases[0], {}, ("FDP", "FDS", "FDI")),
         (cases[0], {"MCP": 30.0, "PIP": 30.0}, ("FDP", "FDS", "FDI")),
@@ -166,13 +153,13 @@ def postures(cases: Sequence[Case]) -> Sheet:
             "finger", "posture [deg]", "muscle", "proximal [N/N]", "dorsal [N/N]", "radial [N/N]",
             "sagittal direction [deg]", "condition",
         ),
-        tuple(lines),
+        lines,
     )  # fmt: skip
 
 
 def passive(cases: Sequence[Case]) -> Sheet:
     """Tabulate the influence of passive torques."""
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
     for case in (cases[0], cases[2]):
         placed = case.held.place(np.deg2rad(case.result.posture_deg))
         for name, force in zip(case.result.rotations, -10.0 * np.asarray(placed.wrench)[:3].T, strict=True):
@@ -180,14 +167,14 @@ def passive(cases: Sequence[Case]) -> Sheet:
     return Sheet(
         "What a passive torque of 10 N mm against each angle adds to the tip force",
         ("finger", "angle", "proximal [N]", "dorsal [N]", "radial [N]", "size [N]"),
-        tuple(lines),
+        lines,
     )
 
 
 def arms(cases: Sequence[Case]) -> Sheet:
     """Return moment arms at 0 beside quoted ones."""
     quoted = reference("barry2018")
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
     for case, name in ((cases[0], "index"), (cases[2], "thumb")):
         topology = case.held.finger.topology
         ours = np.asarray(case.held.place(np.zeros(len(topology.rotations))).arms)
@@ -201,7 +188,7 @@ def arms(cases: Sequence[Case]) -> Sheet:
     return Sheet(
         "Moment arms at 0 deg beside quoted ones, flexion positive",
         ("finger", "muscle", "angle", "quoted [mm]", "ours [mm]"),
-        tuple(lines),
+        lines,
         (
             f"Thumb: {quoted['thumb']['source']}; index: {quoted['index']['source']}.",
             "The lines of FPB, APB, ADPo and ADPt were laid by these numbers; the others are MyoHand's.",

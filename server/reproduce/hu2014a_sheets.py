@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 from fingermodel.inverse.pressing import pressing_forces, pressing_posture
 from fingermodel.scaling import match_moment_arms
 from server.reproduce.hu2014a_fingers import COLUMNS, MODELS, Pressed, means, moments, needed_arms, pressed
-from server.reproduce.study import Sheet
+from server.reproduce.study import Line, Sheet
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
 
-Line = tuple[str | float | None, ...]
 PUSHED = "asked to push"
 # Moment arms of the terminal slip about the DIP [mm] to try; the first is An's.
 TERMINAL_MM = (1.84, 2.5, 3.5, 4.0, 4.5, 5.0, 6.0)
@@ -30,7 +29,7 @@ def forces_sheet(title: str, answers: Sequence[Pressed], published: dict[str, An
         lines.append((p.title, "change [%]", "ours", *(p.change_pct(c) for c in COLUMNS), None))
         changes = (100.0 * (printed["chao"][c] / printed["minimal"][c] - 1.0) for c in COLUMNS)
         lines.append((p.title, "change [%]", "of printed means", *changes, None))
-    return Sheet(title, ("posture", "model", "", *COLUMNS, PUSHED), tuple(lines), tuple(notes))
+    return Sheet(title, ("posture", "model", "", *COLUMNS, PUSHED), lines, notes)
 
 
 def _pushed(answer: Pressed, model: str) -> str:
@@ -58,7 +57,7 @@ def needed_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
             ),
             "divisor [mm2]",
         ),
-        tuple(lines),
+        lines,
         (
             "Needed: with the printed means of PF and PE without a hood, and our extensor's arms. Ketchum et al. 1978 "
             "measured 6.5 mm at the DIP and 9.8 mm at the PIP (as a handbook quotes them).",
@@ -80,7 +79,7 @@ def terminal_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
     return Sheet(
         "An's index with other terminal slips: moment arm at the DIP in posture 1, and the forces",
         ("TE at DIP [mm]", "posture", "model", *COLUMNS, PUSHED),
-        tuple(lines),
+        lines,
         (
             "An's second digit has 1.84 mm, An's third digit at this size 3.6 mm. Near 3 mm the minimal model's "
             "divisor is zero; from 4 mm on every force as the study prints it (RI with LU) pulls, and contact at the "
@@ -104,7 +103,7 @@ def sister_sheet(fingers: Mapping[str, Sequence[Pressed]], published: dict[str, 
     return Sheet(
         "The same loads in Hu et al. 2014b (Table 1, with a hood), per newton of load",
         ("load", "", *columns),
-        tuple(lines),
+        lines,
         (
             "Contact forces of the same subject are printed as 8.0 to 14.6 there (DIP, PIP), and as 7.7 to 9.8 in the "
             "study itself.",
@@ -123,6 +122,6 @@ def least_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
     return Sheet(
         "An's index with FDP and FDS apart and no sharing laws: least sum of squared stresses, per newton of load",
         ("load", *muscles, *(f"{joint} contact" for joint in joints)),
-        tuple(lines),
+        lines,
         ("Every muscle pulls: the loads are within the finger's reach, though not under the study's two closures.",),
     )

@@ -18,12 +18,11 @@ from server.reproduce.hu2014b_network import (
     pulls_by_table_1,
 )
 from server.reproduce.printed import reference
-from server.reproduce.study import Sheet
+from server.reproduce.study import Line, Sheet
 
 if TYPE_CHECKING:
     from fingermodel.hood.parts import ElasticHood
 
-Line = tuple[str | float | None, ...]
 # How far distal of B the hood's file has G and M, in lengths of the bone.
 BESIDE = 0.0075
 
@@ -37,7 +36,7 @@ def pulls_sheet(loads: Sequence[dict[str, Any]]) -> Sheet:
     return Sheet(
         "Muscle forces at the network's nodes",
         ("posture", "muscle", "printed [P]", "put in [N]", "springs at its node [N]"),
-        tuple(lines),
+        lines,
         (
             "EDC is the paper's LE: put in by Eq 8. The sums leave out that the springs are askew, which makes them "
             "a little too large.",
@@ -59,7 +58,7 @@ def nodes_sheet(held: Sequence[Held], hood: ElasticHood) -> Sheet:
             "radial, round the bone [mm]",
             *(f"proximal in posture {k + 1} [mm]" for k in range(len(held))),
         ),
-        tuple(lines),
+        lines,
         ("On the unrolled dorsum of An's straight index finger. The paper prints no positions.",),
     )
 
@@ -73,7 +72,7 @@ def springs_sheet(held: Sequence[Held], springs: Sequence[str]) -> Sheet:
     return Sheet(
         "Springs: length where nothing pulls, distance of their ends under load, force",
         ("spring", *(f"{what}, posture {k + 1}" for k in range(len(held)) for what in ("mm", "loaded mm", "N"))),
-        tuple(lines),
+        lines,
         ("A slack spring's ends are nearer than its length.",),
     )
 
@@ -91,7 +90,7 @@ def stiffness_sheet(hood: ElasticHood) -> Sheet:
     return Sheet(
         "Stiffness: printed force over printed length change [N/mm]",
         ("spring", *(f"posture {k + 1}" for k in range(len(tables))), "used"),
-        tuple(lines),
+        lines,
         (
             "A ratio ten times the others is a length change printed ten times too small. –: slack in print.",
             "EOE of posture 1: its printed force is posture 2's.",
@@ -117,7 +116,7 @@ def layouts_sheet(loads: Sequence[dict[str, Any]]) -> Sheet:
     return Sheet(
         "What the unprinted layout does: forces of the springs against the printed ones, three postures",
         ("layout", "RMS difference [N]", "largest [N]", "where", "slack or taut as printed, of 54"),
-        tuple(lines),
+        lines,
         (
             "EOE of posture 1 as mended. None was chosen for its forces; as shipped, G and M lie where the springs "
             "that are slack in print are slack.",

@@ -5,41 +5,36 @@ from __future__ import annotations
 from typing import Any
 
 from fingermodel import api, comparing
+from fingermodel.comparison.comparison import Comparison, ErrorSummary
 from fingermodel.session import Session
-from server.reproduce.study import Progress, Sheet
+from server.reproduce.study import Line, Progress, Sheet
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
 FINGERS = {"synek2019_initial": "Winslow's rhombus", "synek2019_network": "elastic network"}
 """The same tendon points, axes and insertions: the hoods differ in nothing else."""
 
 
+def _errors(comparison: Comparison) -> dict[str, ErrorSummary]:
+    places = ("identification/tip", "validation/tip", "validation/bone")
+    return {place: comparison.select(*place.split("/")).errors("sagittal") for place in places}
+
+
 def against_rhombus(progress: Progress) -> tuple[Sheet, dict[str, Any]]:
     """Refit both fingers to each specimen's single-tendon loads; errors in the sagittal plane, before and after."""
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
     results: dict[str, Any] = {}
     for i, specimen in enumerate(SPECIMENS):
         for k, (finger, title) in enumerate(FINGERS.items()):
             bench = Session.open(f"synek2019_{specimen}", finger)
             fit = api.refit(bench)
-            compared = {
-                "before": comparing.compare(bench),
-                "after": comparing.compare(bench.at(fit)),
-            }
-            errors = {
-                when: {
-                    key: one.select(*key.split("/")).errors("sagittal")
-                    for key in ("identification/tip", "validation/tip", "validation/bone")
-                }
-                for when, one in compared.items()
-            }
-            after = errors["after"]
+            before, after = (_errors(comparing.compare(b)) for b in (bench, bench.at(fit)))
             tip, bone = after["validation/tip"], after["validation/bone"]
             shares = {p.name: (p.value, p.sd) for p in fit.parameters if p.name.startswith("fraction.")}
             lines.append(
                 (
                     specimen,
                     title,
-                    errors["before"]["identification/tip"].rmse_N,
+                    before["identification/tip"].rmse_N,
                     after["identification/tip"].rmse_N,
                     tip.rmse_N,
                     tip.direction_error_deg,
@@ -49,7 +44,10 @@ def against_rhombus(progress: Progress) -> tuple[Sheet, dict[str, Any]]:
                 )
             )
             results.setdefault(specimen, {})[finger] = {
-                "rmse_N": {when: {key: e.rmse_N for key, e in those.items()} for when, those in errors.items()},
+                "rmse_N": {
+                    when: {key: e.rmse_N for key, e in errors.items()}
+                    for when, errors in (("before", before), ("after", after))
+                },
                 "objective": fit.objective,
                 "seconds": fit.seconds,
                 "fractions": shares,
@@ -68,7 +66,7 @@ def against_rhombus(progress: Progress) -> tuple[Sheet, dict[str, Any]]:
             "unseen bone [N]",
             "objective",
         ),
-        tuple(lines),
+        lines,
         (
             "Both are refitted to the 24 single-tendon loads (MAP); unseen: the 16 combined loads. Points, axes and "
             "insertions are the same, and the rhombus has four fractions where the network has two stiffnesses.",

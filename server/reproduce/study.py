@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from server.figures.plot import Plot
 
 Progress = Callable[[float], None]
+Line = Sequence[str | float | None]
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,9 @@ class Sheet:
     """
 
     title: str
-    columns: tuple[str, ...]
-    lines: tuple[tuple[str | float | None, ...], ...]
-    notes: tuple[str, ...] = ()
+    columns: Sequence[str]
+    lines: Sequence[Line]
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

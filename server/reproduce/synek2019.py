@@ -21,7 +21,7 @@ from server.figures.comparison import comparison_plans
 from server.figures.plot import Plot
 from server.figures.specimen_spread import spread_of
 from server.reproduce.printed import reference, rows_beside
-from server.reproduce.study import Progress, Reproduction, Sheet
+from server.reproduce.study import Line, Progress, Reproduction, Sheet
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
 Numbers = dict[str, float | None]
@@ -197,7 +197,7 @@ def _plots() -> list[Plot]:
 
 def _unseen(fits: list[SpecimenFit]) -> Sheet:
     """Return errors on the unseen combined loads, predictor by predictor."""
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
     for fit in fits:
         for key, comparison in fit.comparisons.items():
             known = comparison.select("identification", "tip").errors("sagittal").rmse_N
@@ -219,8 +219,8 @@ def _unseen(fits: list[SpecimenFit]) -> Sheet:
     return Sheet(
         "Unseen combined loads, sagittal plane: fitted to single tendons alone",
         ("specimen", "predictor", "fitted RMSE [N]", "tip RMSE [N]", "tip [deg]", "tip [%]", "bone [deg]", "bone [%]"),
-        tuple(lines),
-        tuple(notes),
+        lines,
+        notes,
     )
 
 

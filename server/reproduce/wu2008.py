@@ -26,7 +26,7 @@ from fingermodel.studies.published import Row, not_available, row, row_about, ro
 from server.figures.movement import Reference, movement_plots
 from server.figures.plot import Plot
 from server.reproduce.printed import reference
-from server.reproduce.study import Progress, Reproduction, Sheet
+from server.reproduce.study import Line, Progress, Reproduction, Sheet
 
 Floats = NDArray[np.float64]
 FINGER, MOTION = "wu2008_index", "wu2008_tap"
@@ -227,7 +227,7 @@ def _settings(result: MovementResult) -> Sheet:
         ("AMMR's muscles", tap("wu2008_ammr")),
         ("AMMR's muscles, without gravity", tap("wu2008_ammr", gravity=False)),
     ]
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
     for name, run in runs:
         peaks = {p["muscle"]: p for p in run.peaks()}
         shares = [100.0 * peaks[m]["passive_share"] for m in ("UI", "RI")]
@@ -238,7 +238,7 @@ def _settings(result: MovementResult) -> Sheet:
     return Sheet(
         "Peak forces [N] and passive shares at the peak under other settings",
         ("setting", *AMMR, "passive UI [%]", "passive RI [%]"),
-        tuple(lines),
+        lines,
         (
             "From -0.06 to 0.24 s; AMMR's output begins at 0.",
             "No setting gives the paper's FP of 3.80 N: at the DIP joint the tip force asks for 9 N mm, which FDP "
@@ -250,28 +250,20 @@ def _settings(result: MovementResult) -> Sheet:
 
 def _directions() -> Sheet:
     """Tabulate the influence of the tip force's direction, which the paper does not print."""
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
+    joints = ("MCP", "PIP", "DIP")
     for angle in (-15.0, 0.0, 15.0, 30.0, 45.0):
         run = tap("wu2008", turned_deg=angle)
         peak = {p["muscle"]: p for p in run.peaks()}
         torque = np.abs(run.torque_Nmm).max(axis=0)
-        joints = (float(torque[run.rotations.index(name)]) for name in ("MCP", "PIP", "DIP"))
+        torques = (float(torque[run.rotations.index(name)]) for name in joints)
         ratios = (peak[m]["over_tip_force"] for m in ("FDS", "FDP"))
-        lines.append((angle, *(peak[m]["peak_N"] for m in ("FDS", "FDP")), *ratios, *joints))
+        lines.append((angle, *(peak[m]["peak_N"] for m in ("FDS", "FDP")), *ratios, *torques))
     lines.append((None, 1.24, 3.80, 0.95, 2.9, None, None, None))
     return Sheet(
         "Peaks when tip force and gravity are turned from dorsal towards distal",
-        (
-            "turned by [deg]",
-            "FDS [N]",
-            "FDP [N]",
-            "FDS over tip",
-            "FDP over tip",
-            "MCP [N mm]",
-            "PIP [N mm]",
-            "DIP [N mm]",
-        ),
-        tuple(lines),
+        ("turned by [deg]", *("FDS [N]", "FDP [N]", "FDS over tip", "FDP over tip"), *(f"{j} [N mm]" for j in joints)),
+        lines,
         (
             "Last line: the paper. Turned by 15 deg the metacarpal rises towards the finger, as over a keyboard.",
             "FDP is the paper's between 0 and 15 deg, FDS at 45: no direction gives both.",
@@ -282,23 +274,14 @@ def _directions() -> Sheet:
 def _beside_ammr(later: MovementResult) -> Sheet:
     """Tabulate lengths and forces beside AMMR's output, with AMMR's muscles and at its times."""
     output = ammr_output()
-    lines: list[tuple[str | float | None, ...]] = []
+    lines: list[Line] = []
     for i, (ours, theirs) in enumerate(AMMR.items()):
         length = 1e3 * _their_length(output, theirs)
         mine = later.length_mm[:, i]
         moved = (mine - mine[0]) - (length - length[0])
         force, their_force = later.force[:, i], output[f"{theirs}_Ft_N"]
-        lines.append(
-            (
-                ours,
-                float(np.ptp(length)),
-                float(np.sqrt(np.mean(moved**2))),
-                float(their_force.max()),
-                float(force.max()),
-                float(np.sqrt(np.mean((force - their_force) ** 2))),
-                float(np.corrcoef(force, their_force)[0, 1]),
-            )
-        )
+        peaks, alike = (float(their_force.max()), float(force.max())), float(np.corrcoef(force, their_force)[0, 1])
+        lines.append((ours, float(np.ptp(length)), _rms(moved), *peaks, _rms(force - their_force), alike))
     return Sheet(
         "Beside AMMR's output (40 instants from 0 to 0.24 s), with AMMR's muscles",
         (
@@ -310,7 +293,7 @@ def _beside_ammr(later: MovementResult) -> Sheet:
             "RMS difference [N]",
             "r",
         ),
-        tuple(lines),
+        lines,
         (
             "Lengths are those of muscle and tendon less the first; of LU the mean weighted by the heads' strength, of "
             "RI the head that ends at the proximal phalanx: the other's path there runs to the PIP joint and back to "
@@ -320,6 +303,10 @@ def _beside_ammr(later: MovementResult) -> Sheet:
             "through the tip force, which matters where that force changes within a step, from 0.04 to 0.06 s.",
         ),
     )
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _their_length(output: dict[str, Floats], name: str) -> Floats:
