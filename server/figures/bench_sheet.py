@@ -21,15 +21,7 @@ from daq.sessions.protocols import PlannedCase, Protocol
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 210.0, 297.0, 14.0, 196.0, 16.0, 16.0
 _ROW, _TEXT = 8.4, 5.4
 _COLUMNS = {"case": 14.0, "hung": 29.0, "role": 84.0, "at": 103.0, "tare": 121.0, "read": 136.0, "notes": 151.0}
-_TITLES = {
-    "case": "case",
-    "hung": "hang [g]",
-    "role": "for",
-    "at": "planned",
-    "tare": "tared",
-    "read": "read",
-    "notes": "notes",
-}
+_TITLES = ("case", "hang [g]", "for", "planned", "tared", "read", "notes")
 _MM_PER_INCH = 25.4
 # Characters in a line of the head, and of what is hung, at their size.
 _MOST_HEAD, _MOST_HUNG = 100, 27
@@ -153,8 +145,8 @@ def _block(pages: _Pages, case: PlannedCase, protocol: Protocol, *, again: bool)
     pages.text(_LEFT, f"{case.posture.replace('_', ' ')} at the {case.location}{more}", 11.0, weight="bold")
     pages.text(_COLUMNS["role"], angles, 9.0)
     pages.down(_TEXT)
-    for name, x in _COLUMNS.items():
-        pages.text(x, _TITLES[name], 7.5, color="dimgray")
+    for x, title in zip(_COLUMNS.values(), _TITLES, strict=True):
+        pages.text(x, title, 7.5, color="dimgray")
     pages.line(_LEFT, _RIGHT, 0.8)
     pages.down(_ROW)
     if not again:

@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from fingermodel.fingers.finger import Plane
-from server.figures.bone import bone_figure
 from server.figures.compared import Compared
 from server.figures.comparison_words import case_table, error_tables, sentences
 from server.figures.plot import Plan
@@ -14,7 +13,7 @@ from server.figures.report import Part, Section, by_heading, plot_or_reason, wri
 from server.figures.report_front import closing_sections, folded
 from server.figures.scatter import scatter_figure
 from server.figures.summary import errors_figure
-from server.figures.vectors import Beside, vector_figure
+from server.figures.vectors import Beside, bone_figure, vector_figure
 from server.figures.zscores import z_figure
 
 
@@ -84,12 +83,13 @@ def comparison_plans(
         location: whose force components are drawn against each other: tip or bone.
         beside: forces of another model, drawn on the finger.
     """
-    model, comparison = compared.model, compared.comparison
-    before, before_name = compared.before, compared.before_name
+    model = compared.model
     drawn_in = plane or model.finger.judged_in
-    both = [(before_name, before)] if before is not None else []
-    both = [*both, (compared.name, comparison)]
-    held = "The same cases under both models. " if before is not None else ""
+    both = [] if compared.before is None else [(compared.before_name, compared.before)]
+    both = [*both, (compared.name, compared.comparison)]
+    held = "The same cases under both models. " if len(both) > 1 else ""
+    unpredicted = drawn_in == model.finger.judged_in == "sagittal"
+    no_Fz = " Fz is left out, which this finger does not predict." if unpredicted else ""
     hinge = model.finger.topology.joints[0].name
     arrows = (
         "Solid arrows are measured, dashed ones predicted; the coloured areas are the measurement with its spread. "
@@ -119,19 +119,13 @@ def comparison_plans(
             "errors",
             "Where the errors are",
             "RMSE over the force components of the cases named on the left (Synek et al. 2019, Eqs 6 and 7).",
-            lambda: errors_figure(
-                comparison, before=before, before_name=before_name, model_name=compared.name, plane=drawn_in
-            ),
+            lambda: errors_figure(both, plane=drawn_in),
         ),
         Plan(
             "z",
             "Where the errors are",
             "A case to the right of the dashed line misses by more than its measurement's noise alone would explain."
-            + (
-                " Fz is left out, which this finger does not predict."
-                if drawn_in == model.finger.judged_in == "sagittal"
-                else ""
-            ),
-            lambda: z_figure(comparison, before=before, before_name=before_name, plane=drawn_in),
+            + no_Fz,
+            lambda: z_figure(both, plane=drawn_in),
         ),
     ]

@@ -6,10 +6,29 @@ from collections.abc import Sequence
 from typing import Any
 
 from server.figures import graph_objects as go
-from server.figures.style import INK, TEXT_PX, WIDTH, figure, legend
+from server.figures.style import FONT, INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, legend
 
 On = tuple[str, str]
 PAPER: On = ("paper", "paper")
+# Of every figure: its title at the upper left, and the common style.
+_HEADING: dict[str, Any] = {
+    "x": 0.0,
+    "xref": "container",
+    "xanchor": "left",
+    "yref": "container",
+    "yanchor": "top",
+    "pad": {"l": 14},
+    "font": {"size": 16, "color": INK},
+}
+_COMMON: dict[str, Any] = {
+    "template": {},
+    "width": WIDTH,
+    "font": {"family": FONT, "size": TEXT_PX, "color": INK},
+    "paper_bgcolor": "#ffffff",
+    "plot_bgcolor": "#ffffff",
+    "hovermode": "closest",
+    "hoverlabel": {"bgcolor": "#ffffff", "font": {"size": TEXT_PX, "color": INK}},
+}
 
 
 class Sheet:
@@ -98,19 +117,17 @@ class Sheet:
             layout: whatever else Plotly's layout holds.
         """
         left, right, top, bottom = self._margins
-        layout |= self._layout | {"annotations": self.notes}
+        height = round(self.high + top + bottom)
+        heading = _HEADING | {"text": title, "y": 1.0 - 14 / height}
+        if subtitle:
+            heading["subtitle"] = {"text": subtitle, "font": {"size": SMALL_PX + 1, "color": MUTED}}
+        layout |= self._layout | {"title": heading, "annotations": self.notes, "height": height}
+        layout["margin"] = {"l": left, "r": right, "t": top, "b": bottom}
         if self.shapes:
             layout["shapes"] = self.shapes
         if legend_px is not None:
             layout["legend"] = legend(legend_px, self.high, at_right=at_right)
-        return figure(
-            self.data,
-            layout,
-            title=title,
-            subtitle=subtitle,
-            height=round(self.high + top + bottom),
-            margin={"l": left, "r": right, "t": top, "b": bottom},
-        )
+        return go.Figure(data=self.data, layout=_COMMON | layout)
 
 
 def panel_axes(index: int) -> dict[str, str]:

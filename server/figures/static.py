@@ -150,27 +150,16 @@ def _title(canvas: Canvas, width: float, height: float) -> None:
     title = canvas.layout.get("title") or {}
     if not title.get("text"):
         return
-    font = dict(canvas.font) | {"size": 17} | dict(title.get("font") or {})
+    font: dict[str, Any] = dict(canvas.font) | {"size": 17} | dict(title.get("font") or {})
     x = float(title.get("x", 0.5)) * width + float((title.get("pad") or {}).get("l", 0))
     y = float(title.get("y", 0.9)) * height
-    place: dict[str, Any] = {"horizontal": "left", "vertical": "top"}
-    at, lines = (x / width, y / height), title["text"].count("<br>") + 1
-    size = float(font["size"])
-    put_text(
-        canvas.figure, title["text"], at, canvas.figure.transFigure, size_px=size, ink=color(font["color"]), **place
-    )
-    if below := (title.get("subtitle") or {}).get("text"):
-        small = dict(canvas.font) | dict(title["subtitle"].get("font") or {})
-        at = (x / width, (y - size * 1.3 * lines - 2) / height)
-        put_text(
-            canvas.figure,
-            below,
-            at,
-            canvas.figure.transFigure,
-            size_px=float(small["size"]),
-            ink=color(small["color"]),
-            **place,
-        )
+    subtitle, lines = title.get("subtitle") or {}, title["text"].count("<br>") + 1
+    small = dict(canvas.font) | dict(subtitle.get("font") or {})
+    below = y - float(font["size"]) * 1.3 * lines - 2
+    for text, up, look in ((title["text"], y, font), (subtitle.get("text"), below, small)):
+        if text:
+            at = (x / width, up / height)
+            put_text(canvas.figure, text, at, canvas.figure.transFigure, look, anchor=("left", "top"))
 
 
 def _legend(canvas: Canvas, overlay: Any, traces: Sequence[Mapping[str, Any]], width: float) -> None:

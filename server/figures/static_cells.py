@@ -58,9 +58,9 @@ def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder
         for m, e, h, word in zip(middle, ends, height, each(trace["text"], len(place)), strict=True):
             up = 1.0 if h >= 0 else -1.0
             if word and np.isfinite(e) and flat:
-                put_word(axes, word, (e, m), font, "left" if up > 0 else "right", "center", (4 * up, 0), zorder)
+                put_word(axes, word, (e, m), font, ("left" if up > 0 else "right", "center"), (4 * up, 0), zorder)
             elif word and np.isfinite(e):
-                put_word(axes, word, (m, e), font, "center", "bottom" if up > 0 else "top", (0, 3 * up), zorder)
+                put_word(axes, word, (m, e), font, ("center", "bottom" if up > 0 else "top"), (0, 3 * up), zorder)
 
 
 def draw_heatmap(axes: Axes, trace: Trace, x_names: list[str] | None, y_names: list[str] | None, zorder: float) -> None:
@@ -87,7 +87,9 @@ def draw_heatmap(axes: Axes, trace: Trace, x_names: list[str] | None, y_names: l
         for i, row in enumerate(trace["text"]):
             for k, word in enumerate(row):
                 if word:
-                    put_word(axes, word, (x[k], y[i]), trace.get("textfont") or {}, "center", "center", (0, 0), zorder)
+                    put_word(
+                        axes, word, (x[k], y[i]), trace.get("textfont") or {}, ("center", "center"), (0, 0), zorder
+                    )
     if trace.get("showscale") is not False:
         _color_bar(axes, mesh, trace.get("colorbar") or {})
 

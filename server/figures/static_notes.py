@@ -53,8 +53,7 @@ def draw_shapes(canvas: Canvas) -> None:
 
 def draw_annotations(canvas: Canvas, overlay: Axes) -> None:
     """Write texts and draw arrows; `overlay` covers the figure and lies above everything."""
-    sides = {"left": "left", "center": "center", "right": "right", "auto": "center"}
-    heights = {"top": "top", "middle": "center", "bottom": "bottom", "auto": "center"}
+    centred = {"auto": "center", "middle": "center"}
     for note in canvas.layout.get("annotations") or ():
         x_of, y_of = note.get("xref") or "x", note.get("yref") or "y"
         transform = canvas.transform(x_of, y_of)
@@ -63,17 +62,15 @@ def draw_annotations(canvas: Canvas, overlay: Axes) -> None:
             _arrow(canvas, overlay, note, at, transform)
         if not note.get("text"):
             continue
-        font = dict(canvas.font) | dict(note.get("font") or {})
+        sides = [centred.get(side, side) for side in (note.get(k) or "auto" for k in ("xanchor", "yanchor"))]
         behind = note.get("bgcolor")
         put_text(
             canvas.figure,
             note["text"],
             at,
             transform,
-            size_px=float(font["size"]),
-            ink=color(font["color"]),
-            horizontal=sides[note.get("xanchor") or "auto"],
-            vertical=heights[note.get("yanchor") or "auto"],
+            dict(canvas.font) | dict(note.get("font") or {}),
+            anchor=(sides[0], sides[1]),
             align=note.get("align"),
             shift_px=(float(note.get("xshift") or 0), float(note.get("yshift") or 0)),
             zorder=20.0,

@@ -59,24 +59,12 @@ def put_word(
     word: str,
     at: tuple[float, float],
     font: Trace,
-    horizontal: str,
-    vertical: str,
+    anchor: tuple[str, str],
     shift: tuple[float, float],
     zorder: float,
 ) -> None:
     """Write a word at a point of the data, moved by a shift [px]."""
     parent = axes.get_figure(root=True)
     assert parent is not None  # noqa: S101 - axes are made by add_axes
-    size, ink = float(font.get("size", 11)), color(font.get("color", "#000000"))
-    put_text(
-        parent,
-        word,
-        at,
-        axes.transData,
-        size_px=size,
-        ink=ink,
-        horizontal=horizontal,
-        vertical=vertical,
-        shift_px=shift,
-        zorder=10 + zorder,
-    )
+    own = {"size": 11, "color": "#000000"} | dict(font)
+    put_text(parent, word, at, axes.transData, own, anchor=anchor, shift_px=shift, zorder=10 + zorder)

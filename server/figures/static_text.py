@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -79,33 +80,30 @@ def put_text(
     marked: object,
     at: tuple[float, float],
     transform: Transform,
+    font: Mapping[str, Any],
     *,
-    size_px: float,
-    ink: Color,
-    horizontal: str = "center",
-    vertical: str = "center",
+    anchor: tuple[str, str],
     align: str | None = None,
     shift_px: tuple[float, float] = (0.0, 0.0),
     zorder: float = 10.0,
     **box: Any,
-) -> list[Text]:
+) -> None:
     """Write marked-up text at a point; lines may differ in weight where the block is aligned as it is anchored.
 
     Args:
         figure: that it belongs to.
         marked: with `<br>`, and `<b>` and `<i>` about whole lines.
-        at: the anchor.
-        transform: of the anchor.
-        size_px: height of the font.
-        ink: colour.
-        horizontal: which side of the block is at the anchor.
-        vertical: top, center or bottom.
+        at: its place.
+        transform: of that place.
+        font: size [px] and color.
+        anchor: which side of the block is there: left, center or right, and top, center or bottom.
         align: of the lines within the block.
         shift_px: right and up.
         zorder: of drawing.
         box: bbox and the like.
     """
-    lines = text_lines(marked)
+    horizontal, vertical = anchor
+    size_px, lines = float(font["size"]), text_lines(marked)
     looks = {(weight, style) for _, weight, style in lines}
     blocks = [lines]
     if len(looks) > 1:
@@ -114,7 +112,6 @@ def put_text(
         blocks = [[line] for line in lines]
     step = size_px * LINE_HEIGHT
     first = {"top": 0.0, "center": (len(blocks) - 1) * step / 2, "bottom": (len(blocks) - 1) * step}[vertical]
-    texts = []
     lines_at: Any = align or horizontal
     for index, block in enumerate(blocks):
         x, y = shift_px[0], shift_px[1] + first - index * step
@@ -125,7 +122,7 @@ def put_text(
             "\n".join(line for line, _, _ in block),
             transform=moved,
             fontsize=size_px * PT,
-            color=ink,
+            color=color(font["color"]),
             weight=block[0][1],
             style=block[0][2],
             ha=horizontal,
@@ -137,5 +134,3 @@ def put_text(
         )
         figure.add_artist(text)
         text.set_clip_on(False)
-        texts.append(text)
-    return texts

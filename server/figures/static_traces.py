@@ -131,7 +131,7 @@ def _labels(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> No
     font = trace.get("textfont") or {}
     for px, py, word in zip(x, y, each(trace.get("text") or "", len(x)), strict=True):
         if word and np.isfinite(px) and np.isfinite(py):
-            put_word(axes, word, (px, py), font, side[1], up[1], (side[0], up[0]), zorder)
+            put_word(axes, word, (px, py), font, (side[1], up[1]), (side[0], up[0]), zorder)
 
 
 def legend_handle(trace: Trace) -> Artist:

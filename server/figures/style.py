@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from server.figures import graph_objects as go
-
 if TYPE_CHECKING:
     from fingermodel.comparison.comparison import CaseComparison, ErrorSummary
     from fingermodel.fingers import Plane
@@ -229,50 +227,3 @@ def whiskers(
     """Return error bars: how far each reaches up, and down where that differs."""
     out = {"type": "data", "array": list(up), "color": color, "thickness": thickness, "width": width, "visible": True}
     return out if down is None else out | {"symmetric": False, "arrayminus": list(down)}
-
-
-def figure(
-    data: Sequence[Any],
-    layout: Mapping[str, Any],
-    *,
-    title: str,
-    subtitle: str = "",
-    height: int,
-    margin: Mapping[str, int],
-) -> go.Figure:
-    """Build a figure in the common style.
-
-    Args:
-        data: traces.
-        layout: axes, annotations, shapes and legend.
-        title: at the upper left.
-        subtitle: below it, small; `<br>` breaks lines.
-        height: [px].
-        margin: l, r, t, b [px].
-    """
-    heading: dict[str, Any] = {
-        "text": title,
-        "x": 0.0,
-        "xref": "container",
-        "xanchor": "left",
-        "y": 1.0 - 14 / height,
-        "yref": "container",
-        "yanchor": "top",
-        "pad": {"l": 14},
-        "font": {"size": 16, "color": INK},
-    }
-    if subtitle:
-        heading["subtitle"] = {"text": subtitle, "font": {"size": SMALL_PX + 1, "color": MUTED}}
-    base = {
-        "template": {},
-        "width": WIDTH,
-        "height": height,
-        "margin": dict(margin),
-        "title": heading,
-        "font": {"family": FONT, "size": TEXT_PX, "color": INK},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
-        "hovermode": "closest",
-        "hoverlabel": {"bgcolor": "#ffffff", "font": {"size": TEXT_PX, "color": INK}},
-    }
-    return go.Figure(data=list(data), layout=base | dict(layout))

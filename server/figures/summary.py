@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fingermodel.comparison.comparison import Comparison, ErrorSummary
+from fingermodel.comparison.comparison import Comparison
 from fingermodel.fingers import Plane
 from server.figures import graph_objects as go
 from server.figures import marks
@@ -29,36 +29,24 @@ from server.figures.style import (
 AFTER, BEFORE = "#3b5b7a", "#b9c6d3"
 _BAR, _GROUP_GAP, _LEFT, _RIGHT, _TOP, _BOTTOM = 22, 40, 150, 60, 84, 54  # [px]
 
-_SHARED = ("role", "location", "muscles", "posture")
 # Label, and what the cases have in common.
-Row = tuple[str, str | None, str | None, str | None, str | None]
-Rows = list[Row]
+Rows = list[tuple[str, dict[str, str]]]
 
 
-def errors_figure(
-    comparison: Comparison,
-    *,
-    before: Comparison | None = None,
-    before_name: str = "before",
-    model_name: str = "",
-    plane: Plane = "sagittal",
-) -> go.Figure:
+def errors_figure(models: Sequence[tuple[str, Comparison]], *, plane: Plane = "sagittal") -> go.Figure:
     """Draw the RMSE by loaded tendon, by posture and by role, tip and bone apart, before and after.
 
     Args:
-        comparison: of the model.
-        before: of the model that it is held against.
-        before_name: of that model.
-        model_name: of this one.
+        models: one comparison, or the one before and the one after, each with its model's name.
         plane: in which the errors are taken.
 
     Raises:
         NothingToDrawError: no case.
     """
-    groups = _groups(comparison)
+    groups = _groups(models[-1][1])
     if not groups:
         raise NothingToDrawError("There is no load case to summarise.")
-    per_bar = _BAR if before is None else _BAR + 8
+    per_bar = _BAR if len(models) == 1 else _BAR + 8
     heights = [per_bar * len(rows) for _, rows in groups]
     half_gap = round(_GROUP_GAP / 2)
     sheet = Sheet(
@@ -66,13 +54,11 @@ def errors_figure(
         (_LEFT, _RIGHT, _TOP - half_gap, _BOTTOM),
         barmode="group",
         bargap=0.25,
-        showlegend=before is not None,
+        showlegend=len(models) > 1,
     )
     half = (sheet.wide - 60) / 2
     measures = (("rmse_N", "RMSE [N]", 2), ("rmse_rel_pct", "RMSE [% of the mean measured force]", 1))
-    models = [(model_name or "model", comparison, AFTER)]
-    if before is not None:
-        models.insert(0, (before_name, before, BEFORE))
+    colors = (AFTER,) if len(models) == 1 else (BEFORE, AFTER)
     tops = [_largest(groups, models, plane, key) for key, _, _ in measures]
     top = 0
     for index, ((title, rows), height) in enumerate(zip(groups, heights, strict=True)):
@@ -105,9 +91,31 @@ def errors_figure(
                 heading=plain(title[:1].upper() + title[1:]) if column == 0 else "",
                 above=3,
             )
-            for k, (name, one, color) in enumerate(models):
-                shown = index == 0 and column == 0
-                sheet.data.append(_bars(one, rows, plane, key, digits, name, color, axes, k, shown=shown))
+            for k, ((name, comparison), color) in enumerate(zip(models, colors, strict=True)):
+                errors = [comparison.select(**pick).errors(plane) for _, pick in rows]
+                values = [getattr(e, key) for e in errors]
+                words = [
+                    f"{label}: {e.cases} cases, RMSE {rmse_text(e)}" for (label, _), e in zip(rows, errors, strict=True)
+                ]
+                sheet.data.append(
+                    marks.bars(
+                        values,
+                        [label for label, _ in rows],
+                        color,
+                        words,
+                        orientation="h",
+                        # The first of a group lies lowest, so the model after comes first.
+                        offsetgroup=str(1 - k),
+                        text=[number(v, digits) for v in values],
+                        **OUTSIDE,
+                        textfont={"size": SMALL_PX, "color": INK},
+                        name=plain(name),
+                        legendgroup=name,
+                        showlegend=index == 0 and column == 0,
+                        meta={"select": [pick for _, pick in rows]},
+                        **axes,
+                    )
+                )
         top += height
     return sheet.drawn(
         "Errors by tendon, posture and role",
@@ -118,65 +126,26 @@ def errors_figure(
 
 
 def _groups(comparison: Comparison) -> list[tuple[str, Rows]]:
-    """Return rows of (label, role, location, muscles, posture) under their headings."""
+    """Return rows of a label and what its cases have in common, under their headings."""
     groups: list[tuple[str, Rows]] = []
     for location in ("tip", "bone"):
         cases = comparison.select(location=location).cases
-        if not cases:
-            continue
-        muscles = in_order(c.muscles for c in cases)
-        postures = list(dict.fromkeys(c.posture for c in cases))
+        muscles, postures = in_order(c.muscles for c in cases), list(dict.fromkeys(c.posture for c in cases))
         if len(muscles) > 1:
-            groups.append((f"{location}, by loaded tendon", [(plain(m), None, location, m, None) for m in muscles]))
+            rows: Rows = [(plain(m), {"location": location, "muscles": m}) for m in muscles]
+            groups.append((f"{location}, by loaded tendon", rows))
         if len(postures) > 1:
-            groups.append((f"{location}, by posture", [(posture_name(p), None, location, None, p) for p in postures]))
-    keys = dict.fromkeys((c.role, c.location) for c in comparison.cases)
-    if keys:
-        groups.append(("by role and place", [(f"{r}, {loc}", r, loc, None, None) for r, loc in keys]))
+            rows = [(posture_name(p), {"location": location, "posture": p}) for p in postures]
+            groups.append((f"{location}, by posture", rows))
+    places = dict.fromkeys((c.role, c.location) for c in comparison.cases)
+    if places:
+        groups.append(("by role and place", [(f"{r}, {at}", {"role": r, "location": at}) for r, at in places]))
     return groups
 
 
-def _errors(comparison: Comparison, row: Row, plane: Plane) -> ErrorSummary:
-    _, role, location, muscles, posture = row
-    return comparison.select(role, location, muscles, posture).errors(plane)
-
-
 def _largest(
-    groups: Sequence[tuple[str, Rows]], models: Sequence[tuple[str, Comparison, str]], plane: Plane, key: str
+    groups: Sequence[tuple[str, Rows]], models: Sequence[tuple[str, Comparison]], plane: Plane, key: str
 ) -> float:
-    values = [getattr(_errors(one, row, plane), key) for _, rows in groups for row in rows for _, one, _ in models]
+    picks = [pick for _, rows in groups for _, pick in rows]
+    values = [getattr(one.select(**pick).errors(plane), key) for pick in picks for _, one in models]
     return max((float(v) for v in values if v is not None and np.isfinite(v)), default=0.0) or 1e-3
-
-
-def _bars(
-    comparison: Comparison,
-    rows: Rows,
-    plane: Plane,
-    key: str,
-    digits: int,
-    name: str,
-    color: str,
-    axes: dict[str, str],
-    slot: int,
-    *,
-    shown: bool,
-) -> go.Bar:
-    errors = [_errors(comparison, row, plane) for row in rows]
-    values = [getattr(e, key) for e in errors]
-    return marks.bars(
-        values,
-        [row[0] for row in rows],
-        color,
-        [f"{row[0]}: {e.cases} cases, RMSE {rmse_text(e)}" for row, e in zip(rows, errors, strict=True)],
-        orientation="h",
-        # The first of a group lies lowest, so the model after comes first.
-        offsetgroup=str(1 - slot),
-        text=[number(v, digits) for v in values],
-        **OUTSIDE,
-        textfont={"size": SMALL_PX, "color": INK},
-        name=plain(name),
-        legendgroup=name,
-        showlegend=shown,
-        meta={"select": [{k: v for k, v in zip(_SHARED, row[1:], strict=True) if v is not None} for row in rows]},
-        **axes,
-    )

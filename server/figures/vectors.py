@@ -1,4 +1,7 @@
-"""Tip forces as vectors at the finger, posture by posture (after Synek et al. 2019, Figure 7)."""
+"""Forces as vectors at the finger, posture by posture: at the tip, and net on the metacarpal with its joint's load.
+
+After Synek et al. 2019, Figures 7 and 8.
+"""
 
 from __future__ import annotations
 
@@ -106,6 +109,34 @@ def vector_figure(compared: Compared, cases: Iterable[str] | None = None, beside
         longest=0.6,
         title="Tip forces",
         subtitle="Forces on the load cell",
+        beside=beside,
+    )
+
+
+def bone_figure(compared: Compared, cases: Iterable[str] | None = None, beside: Beside | None = None) -> go.Figure:
+    """Draw measured and predicted net bone forces at the MCP joint, and the load that the joint itself carries.
+
+    Args:
+        compared: model, session and comparison.
+        cases: ids of the cases to draw.
+        beside: forces that another model predicts.
+
+    Raises:
+        NothingToDrawError: no bone force.
+    """
+    first = compared.model.finger.topology.joints[0]
+    drawn = chosen_cases(compared.comparison, "bone", cases)
+    # The load of the first joint (3,) [N] in each case: of the child bone on the first bone, in its axes.
+    joint = np.asarray(compared.model.predict(compared.observations.inputs, compared.theta).joint)[:, 0]
+    loads = dict(zip(compared.observations.ids, joint, strict=True))
+    return forces_figure(
+        compared,
+        drawn,
+        lambda pose: (pose.origins[first.child], np.eye(3)),
+        longest=0.75,
+        title="Net metacarpal bone forces",
+        subtitle="Net force on the metacarpal",
+        joint=Beside(f"{first.name} joint load, predicted", loads),
         beside=beside,
     )
 

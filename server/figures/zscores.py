@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,43 +32,32 @@ _ROW, _MARGINS = 26, (110, 30, 84, 96)  # [px]
 _TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 
 
-def z_figure(
-    comparison: Comparison,
-    *,
-    before: Comparison | None = None,
-    before_name: str = "before",
-    plane: Plane = "space",
-) -> go.Figure:
+def z_figure(models: Sequence[tuple[str, Comparison]], *, plane: Plane = "space") -> go.Figure:
     """Draw the Mahalanobis norm of every case's force residual, a row for every place and loaded tendon.
 
     Args:
-        comparison: of the model.
-        before: of the model that it is held against, drawn pale.
-        before_name: of that model.
+        models: one comparison, or the one before, drawn pale, and the one after, each with its model's name.
         plane: whose force components count; a finger that cannot predict Fz is judged without it.
 
     Raises:
         NothingToDrawError: no case states an uncertainty.
     """
-    if plane == "sagittal":
-        comparison = _sagittal(comparison)
-        before = _sagittal(before) if before else None
-    limit = CHI_95[plane]
-    cases = [c for c in comparison.cases if c.z is not None and np.isfinite(c.z)]
+    comparisons = [_sagittal(c) if plane == "sagittal" else c for _, c in models]
+    comparison, limit = comparisons[-1], CHI_95[plane]
+    *earlier, cases = ([c for c in one.cases if c.z is not None and np.isfinite(c.z)] for one in comparisons)
     if not cases:
         raise NothingToDrawError("No case has an uncertainty against which its residual could be judged.")
     places = [p for p in ("tip", "bone") if any(c.location == p for c in cases)]
     rows = [(p, m) for p in places for m in in_order(c.muscles for c in cases if c.location == p)]
     labels = [f"{p}  {plain(m)}" for p, m in rows]
-    earlier = [c for c in before.cases if c.z is not None and np.isfinite(c.z)] if before else []
-    largest = max(float(c.z or 0.0) for c in [*cases, *earlier])
+    largest = max(float(c.z or 0.0) for some in (cases, *earlier) for c in some)
     bent = largest > 15.0  # a logarithmic axis only where the strip would otherwise be all on the left
     low, high = (0.1, 1.25 * max(largest, 3.0)) if bent else (0.0, 1.08 * max(largest, 3.0))
     styles = load_styles(in_order(c.muscles for c in cases))
     data: list[go.Scatter] = []
-    if earlier:
+    if earlier and earlier[0]:
         marker: dict[str, Any] = {"color": "#bdbdbd", "symbol": "circle-open", "size": 7}
-        data.append(_points(earlier, rows, labels, marker, low, name=plain(before_name), shift="before"))
+        data.append(_points(earlier[0], rows, labels, marker, low, name=plain(models[0][0]), shift="before"))
     for role, hollow in (("identification", ""), ("validation", "-open")):
         for muscle, style in styles.items():
             own = [c for c in cases if c.muscles == muscle and c.role == role]

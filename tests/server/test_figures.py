@@ -16,7 +16,6 @@ from matplotlib.image import imread
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from server.figures.arrows import BETWEEN, MEASURED, NOMINAL, Spread, area_of, sector, spread_between
-from server.figures.bone import bone_figure
 from server.figures.compared import Compared
 from server.figures.comparison import comparison_sections
 from server.figures.panels import MAX_LOADS
@@ -26,7 +25,7 @@ from server.figures.scatter import scatter_figure
 from server.figures.static import render, write_static
 from server.figures.style import TENDONS, NothingToDrawError, load_styles, number, posture_name
 from server.figures.summary import errors_figure
-from server.figures.vectors import vector_figure
+from server.figures.vectors import bone_figure, vector_figure
 from server.figures.zscores import z_figure
 from tests.server.compared_sessions import AWKWARD, BOTH, POSTURES, finger, many_rows, ordinary, session
 
@@ -59,7 +58,7 @@ def test_before_and_after_are_both_drawn_and_written(tmp_path: Path) -> None:
     assert "First guess: RMSE" in text
     assert "Fitted: RMSE" in text
     assert "measured Fx [N], proximal +" in text
-    assert len(figures["errors"].data) == 2 * len(errors_figure(comparison).data)
+    assert len(figures["errors"].data) == 2 * len(errors_figure([("Fitted", comparison)]).data)
 
 
 def test_empty_selections_say_so() -> None:
@@ -72,9 +71,9 @@ def test_empty_selections_say_so() -> None:
     with pytest.raises(NothingToDrawError, match="bone"):
         bone_figure(Compared(model, observations, nothing))
     with pytest.raises(NothingToDrawError):
-        errors_figure(nothing)
+        errors_figure([("model", nothing)])
     with pytest.raises(NothingToDrawError):
-        z_figure(nothing)
+        z_figure([("model", nothing)])
 
 
 # --- vectors
@@ -250,7 +249,7 @@ def test_the_scatter_holds_every_component_once_on_equal_axes() -> None:
 
 def test_z_rows_hold_every_case_and_the_limit() -> None:
     _, _, comparison = ordinary()
-    figure = z_figure(comparison)
+    figure = z_figure([("model", comparison)])
     drawn = [case for t in figure.data if isinstance(t.meta, dict) for case in t.meta["cases"]]
     assert sorted(drawn) == sorted(c.id for c in comparison.cases)
     assert figure.data[0].x == pytest.approx((2.7955, 2.7955), abs=1e-4)

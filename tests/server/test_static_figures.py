@@ -147,8 +147,8 @@ def test_a_figure_drawn_twice_gives_the_same_bytes() -> None:
     model, observations, comparison = ordinary()
     figure = vector_figure(Compared(model, observations, comparison))
     assert render(figure, "svg") == render(figure, "svg")
-    assert render(z_figure(comparison), "png") == render(z_figure(comparison), "png")
-    assert b"<dc:date>" not in render(errors_figure(comparison), "svg")
+    assert render(z_figure([("model", comparison)]), "png") == render(z_figure([("model", comparison)]), "png")
+    assert b"<dc:date>" not in render(errors_figure([("model", comparison)]), "svg")
 
 
 @pytest.mark.parametrize(
