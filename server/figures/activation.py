@@ -153,19 +153,12 @@ def _labels(
     middle = forces[:, 0] + np.where(right, 1.0, -1.0) * 0.07 * span
     heights = _apart(middle, forces[:, 1], 0.13 * span, 0.055 * span)
     on = (axes["xaxis"], axes["yaxis"])
-    return [
-        note(
-            f"<b>{plain(name)}</b>",
-            float(force[0]),
-            float(y),
-            on,
-            at=("left" if side else "right", "middle"),
-            shift=(7 if side else -7, 0),
-            size=SMALL_PX + 1,
-            color=color,
-        )
-        for name, force, color, side, y in zip(names, forces, colors, right, heights, strict=True)
-    ]
+    out = []
+    for name, force, color, side, y in zip(names, forces, colors, right, heights, strict=True):
+        look: dict[str, Any] = {"at": ("left" if side else "right", "middle"), "shift": (7 if side else -7, 0)}
+        look |= {"size": SMALL_PX + 1, "color": color}
+        out.append(note(f"<b>{plain(name)}</b>", float(force[0]), float(y), on, **look))
+    return out
 
 
 def _apart(across: Floats, up: Floats, wide: float, tall: float) -> Floats:

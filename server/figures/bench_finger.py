@@ -14,7 +14,7 @@ from fingermodel.fingers import Finger, FingerValues
 from server.figures import graph_objects as go
 from server.figures import marks
 from server.figures.arrows import area_of, arrow_traces, sector_trace
-from server.figures.panels import Panel, force_scale, head_mm, panels_figure
+from server.figures.panels import Panel, angles_text, force_scale, head_mm, panels_figure
 from server.figures.poses import FingerPose, finger_pose, reach_mm, stub_mm
 from server.figures.sheet import key, panel_axes
 from server.figures.skeleton import TENDON
@@ -118,24 +118,14 @@ def _arrows(
     panel: Panel, hung: Hung, origin: Floats, rotation: Floats, scale: float, head: float, axes: dict[str, str]
 ) -> list[go.Scatter]:
     """Add the forces to a panel; return what stands for them in the legend."""
-    color = INK
-    for style in load_styles(["+".join(m for m, g in hung.masses_g.items() if g) or "none"]).values():
-        color = style.color
-    unknown = np.full(3, np.nan)
-    sd = unknown if hung.measured_sd_N is None else hung.measured_sd_N
-    case = CaseComparison(
-        hung.case,
-        hung.role,
-        panel.posture,
-        hung.location,
-        {m: float(g) for m, g in hung.masses_g.items()},
-        unknown if hung.measured_N is None else hung.measured_N,
-        sd,
-        unknown if hung.predicted_N is None else hung.predicted_N,
-        None,
-        None,
-        None,
+    [style] = load_styles(["+".join(m for m, g in hung.masses_g.items() if g) or "none"]).values()
+    color, unknown = style.color, np.full(3, np.nan)
+    measured, sd, predicted = (
+        unknown if f is None else f for f in (hung.measured_N, hung.measured_sd_N, hung.predicted_N)
     )
+    masses = {m: float(g) for m, g in hung.masses_g.items()}
+    known = (hung.case, hung.role, panel.posture, hung.location, masses)
+    case = CaseComparison(*known, measured, sd, predicted, None, None, None)
     keys = []
     if hung.measured_N is not None:
         force = (rotation @ hung.measured_N)[:2]
@@ -145,22 +135,17 @@ def _arrows(
             keys.append(
                 key(area.meaning, fill="toself", fillcolor=rgba(color, 0.22), line={"color": rgba(color, 0.35)})
             )
-        line = vector_line("measured", color)
-        panel.traces += arrow_traces(force, origin, scale, axes, kind="measured", case=case, line=line, head_mm=head)
-        keys.insert(0, key("measured", line=line))
-    if hung.predicted_N is not None:
-        line = vector_line("predicted", color)
-        force = (rotation @ hung.predicted_N)[:2]
-        panel.traces += arrow_traces(
-            force, origin, scale, axes, kind="predicted", case=case, line=line, head_mm=head, hollow=True
-        )
-        keys.append(key("predicted", line=line))
-    if hung.beside is not None:
-        name, line = plain(hung.beside[0]), vector_line("before_predicted", color)
-        look: dict[str, Any] = {"kind": "before_predicted", "case": case, "line": line, "words": f"{name},"}
-        force = (rotation @ hung.beside[1])[:2]
-        panel.traces += arrow_traces(force, origin, scale, axes, head_mm=head, hollow=True, **look)
-        keys.insert(2, key(name, line=line))
+    name, beside = hung.beside or ("", None)
+    for kind, named, force_N, place in (
+        ("measured", "measured", hung.measured_N, 0),
+        ("predicted", "predicted", hung.predicted_N, len(keys) + 1),
+        ("before_predicted", plain(name), beside, 2),
+    ):
+        if force_N is not None:
+            look: dict[str, Any] = {"case": case, "line": vector_line(kind, color), "head_mm": head}
+            look |= {"words": f"{named}," if kind == "before_predicted" else "", "hollow": kind != "measured"}
+            panel.traces += arrow_traces((rotation @ force_N)[:2], origin, scale, axes, kind=kind, **look)
+            keys.insert(place, key(named, line=look["line"]))
     return keys or [key("tendon", line={"color": TENDON, "width": 1.2})]
 
 
@@ -228,10 +213,7 @@ def _weights(
 
 
 def _heading(finger: Finger, posture: str, pose: FingerPose, hung: Hung) -> str:
-    named = zip(finger.topology.rotations, np.rad2deg(pose.posture), strict=True)
-    flexions = {j.name for j in finger.topology.joints}
-    angles = [f"{plain(n)} {number(float(a), 0)}°" for n, a in named if n in flexions or abs(a) > 0.05]
-    lines = [f"<b>{posture_name(posture)}</b>", ", ".join(angles)]
+    lines = [f"<b>{posture_name(posture)}</b>", angles_text(finger, pose)]
     if hung.measured_N is not None and hung.predicted_N is not None:
         lines.append(f"measured − predicted {_size(hung.measured_N - hung.predicted_N)} in the plane")
     return "<br>".join(lines)

@@ -64,6 +64,21 @@ def words(found: Any) -> list[str]:
     return [str(w) for w in found if w is not None] if isinstance(found, list | tuple) else []
 
 
+def text(row: Answer, key: str, otherwise: str = "") -> str:
+    """Return what stands under a key as a text, or something else where that is nothing."""
+    return str(row.get(key) or otherwise)
+
+
+def shown(row: Answer, key: str, digits: int = 2) -> str:
+    """Write the number under a key, a dash where there is none."""
+    return number(value(row.get(key)), digits)
+
+
+def masses_of(row: Answer) -> dict[str, float]:
+    """Return the weights [g] by tendon, as far as they are known."""
+    return {str(k): m for k, v in part(row, "masses_g").items() if (m := value(v)) is not None}
+
+
 def shortened(text: str, most: int) -> str:
     """Return a text that fits beside a figure; what is cut off is marked by an ellipsis. Not escaped."""
     whole = " ".join(text.split())

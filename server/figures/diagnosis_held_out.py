@@ -8,7 +8,17 @@ from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
 from server.figures import marks
-from server.figures.diagnosis_answer import BETTER, WORSE, Answer, change_text, plane_of, rows, shortened, value, vector
+from server.figures.diagnosis_answer import (
+    BETTER,
+    WORSE,
+    Answer,
+    change_text,
+    masses_of,
+    plane_of,
+    rows,
+    shortened,
+    vector,
+)
 from server.figures.sheet import Sheet, note
 from server.figures.style import (
     COMPONENT_AXES,
@@ -136,10 +146,8 @@ def _change(case: Held, row: int) -> dict[str, Any]:
 
 
 def _label(case: Answer) -> str:
-    masses = case.get("masses_g")
-    known = {str(k): m for k, v in masses.items() if (m := value(v)) is not None} if isinstance(masses, dict) else {}
     where = [str(w).replace("_", " ") for k in ("posture", "location") if (w := case.get(k))]
-    return f"{case.get('id', '')}  {load_text(known)}, {', '.join(where)}"
+    return f"{case.get('id', '')}  {load_text(masses_of(case))}, {', '.join(where)}"
 
 
 def _hover(case: Answer, measured: Sequence[float], before: Sequence[float], after: Sequence[float]) -> str:

@@ -15,6 +15,7 @@ from server.figures.diagnosis_answer import (
     named_rows,
     rows,
     shortened,
+    text,
     vector,
 )
 from server.figures.sheet import Sheet
@@ -58,9 +59,9 @@ def curves(answer: Answer) -> list[Curve]:
         whole = low is not None and high is not None and len(low) == len(high) == len(load)
         out.append(
             Curve(
-                str(row.get("posture") or ""),
-                str(row.get("location") or ""),
-                str(row.get("muscle") or "none"),
+                text(row, "posture"),
+                text(row, "location"),
+                text(row, "muscle", "none"),
                 load,
                 change,
                 low if whole else None,

@@ -15,14 +15,17 @@ from server.figures.diagnosis_answer import (
     explanation_name,
     from_to,
     locations_in_order,
+    masses_of,
     named_rows,
     part,
     plane_of,
     probability_text,
     ranked,
     rows,
+    shown,
     signed,
     size_text,
+    text,
     value,
     with_sd,
     words,
@@ -49,17 +52,12 @@ def suspects_table(answer: Answer) -> list[Table]:
     lines = []
     for row in rows(answer, "suspects"):
         without = part(row, "verdict_without")
-        kind = str(without.get("verdict") or "").replace("_", " ")
+        kind = text(without, "verdict").replace("_", " ")
         names = ", ".join(effect_name(e) for e in words(without.get("effects")))
         p = probability_text(without.get("probability"))
-        lines.append(
-            [
-                str(row.get("case") or "–"),
-                probability_text(row.get("probability")),
-                "; ".join(str(r.get("words")) for r in rows(row, "reads_like") if r.get("words")) or "–",
-                f"{kind}{f': {names}' if names else ''} ({p})" if kind else "–",
-            ]
-        )
+        instead = f"{kind}{f': {names}' if names else ''} ({p})" if kind else "–"
+        like = "; ".join(str(r.get("words")) for r in rows(row, "reads_like") if r.get("words")) or "–"
+        lines.append([text(row, "case", "–"), probability_text(row.get("probability")), like, instead])
     header = ["load case", "probability that it is bad", "reads like", "verdict without it"]
     return [Table(header, lines, "Load cases that are not as the others make them expected.")] if lines else []
 
@@ -102,15 +100,7 @@ def where_table(answer: Answer) -> list[Table]:
     for key, name in _GROUPS.items():
         found = [(str(k), part(v)) for k, v in part(answer, "where", key).items()]
         found.sort(key=lambda item: -(value(item[1].get("z_rms")) or 0.0))
-        out += [
-            [
-                f"{name}: {k}",
-                number(value(v.get("cases")), 0),
-                number(value(v.get("rmse_N")), 3),
-                number(value(v.get("z_rms")), 1),
-            ]
-            for k, v in found
-        ]
+        out += [[f"{name}: {k}", shown(v, "cases", 0), shown(v, "rmse_N", 3), shown(v, "z_rms", 1)] for k, v in found]
     caption = (
         f"{after_which_fit(answer).capitalize()}, the worst first. z: norm of the residual in standard uncertainties, "
         "root mean square over cases; of one component that component alone."
@@ -126,11 +116,9 @@ def bent_table(answer: Answer) -> list[Table]:
     lines = []
     for name in dict.fromkeys(n for rows_ in found for n in rows_):
         one = next(rows_[name] for rows_ in found if name in rows_)
-        unit = str(one.get("unit") or "")
+        unit = text(one, "unit")
         said = [_bent(rows_.get(name, {}), unit) for rows_ in found]
-        lines.append(
-            [name, with_unit(number(value(one.get("stated_sd")), 3), unit), *said, str(one.get("remedy") or "")]
-        )
+        lines.append([name, with_unit(shown(one, "stated_sd", 3), unit), *said, text(one, "remedy")])
     fit_names = [after_which_fit({"where": fit}) for fit in fits]
     header = ["error of the rig", "stated sd", *fit_names, "what would settle it"]
     caption = (
@@ -142,16 +130,14 @@ def bent_table(answer: Answer) -> list[Table]:
 def _bent(row: Answer, unit: str) -> str:
     widths = value(row.get("widths"))
     return (
-        "within 2 sd"
-        if widths is None
-        else f"{with_unit(number(value(row.get('value')), 3), unit)} ({fixed(abs(widths), 0)} sd)"
+        "within 2 sd" if widths is None else f"{with_unit(shown(row, 'value', 3), unit)} ({fixed(abs(widths), 0)} sd)"
     )
 
 
 def torque_table(answer: Answer) -> list[Table]:
     """Tabulate the missing torque by joint."""
     found = [(str(k), part(v)) for k, v in part(answer, "where", "joint_torque_Nmm").items()]
-    lines = [[k, number(value(v.get("rms")), 2), number(value(v.get("sd")), 2)] for k, v in found]
+    lines = [[k, shown(v, "rms"), shown(v, "sd")] for k, v in found]
     header = ["joint", "missing torque, RMS [N mm]", "sd [N mm]"]
     return [Table(header, lines, "Missing joint torque over all cases.")] if lines else []
 
@@ -163,29 +149,14 @@ def ranking_table(answer: Answer) -> list[Table]:
         held = part(row, "validation_rmse_N")
         remarks = ["named by the verdict"] if row in named else []
         remarks += ["value outside its range"] if row.get("in_range") is False else []
-        remarks += [text for text in words(row.get("variant")) if ": " in text]
+        remarks += [said for said in words(row.get("variant")) if ": " in said]
         if alike := words(row.get("indistinguishable_from")):
             remarks.append(f"not told apart from {', '.join(effect_name(n) for n in alike)}")
-        out.append(
-            [
-                str(place),
-                explanation_name(row),
-                probability_text(row.get("probability")),
-                signed(row.get("log_evidence_gain")),
-                size_text(row),
-                from_to(held.get("before"), held.get("after")),
-                "; ".join(remarks),
-            ]
-        )
-    header = [
-        "",
-        "explanation",
-        "probability",
-        "ln evidence",
-        "size [N] (95 %)",
-        "validation RMSE [N], before → after",
-        "remarks",
-    ]
+        gains = [signed(row.get("log_evidence_gain")), size_text(row), from_to(held.get("before"), held.get("after"))]
+        name, p = explanation_name(row), probability_text(row.get("probability"))
+        out.append([str(place), name, p, *gains, "; ".join(remarks)])
+    header = ["", "explanation", "probability", "ln evidence", "size [N] (95 %)"]
+    header += ["validation RMSE [N], before → after", "remarks"]
     more = len(ranked(answer)) - len(out)
     caption = "Explanations, most probable first" + (f"; {more} less probable ones are left out." if more > 0 else ".")
     return [Table(header, out, caption)] if out else []
@@ -201,8 +172,7 @@ def parameter_table(answer: Answer) -> list[Table]:
         name = explanation_name(row)
         for parameter in rows(row, "parameters"):
             found, sd = with_sd(parameter.get("value"), parameter.get("sd"))
-            unit = str(parameter.get("unit") or "1")
-            out.append([name, str(parameter.get("name", "")), found, sd, unit])
+            out.append([name, text(parameter, "name"), found, sd, text(parameter, "unit", "1")])
             name = ""
     header = ["explanation", "parameter", "value", "sd", "unit"]
     caption = "Values with their standard deviations, budget and effect fitted together."
@@ -214,9 +184,7 @@ def inclusion_table(answer: Answer) -> list[Table]:
     inclusion, detectability = part(answer, "inclusion"), part(answer, "detectability")
     names = [str(n) for n in dict.fromkeys([*inclusion, *detectability])]
     names.sort(key=lambda n: (-(value(inclusion.get(n)) or 0.0), -(value(detectability.get(n)) or 0.0)))
-    lines = [
-        [effect_name(n), probability_text(inclusion.get(n)), number(value(detectability.get(n)), 1)] for n in names
-    ]
+    lines = [[effect_name(n), probability_text(inclusion.get(n)), shown(detectability, n, 1)] for n in names]
     header = ["effect", "acts by its name", "detectability d"]
     caption = (
         "Probability that each effect acts by its name, whatever else does; d is its typical size against noise and "
@@ -227,11 +195,10 @@ def inclusion_table(answer: Answer) -> list[Table]:
 
 def nulls_table(answer: Answer) -> list[Table]:
     """Tabulate the tests that need no model."""
-    lines = [
-        [str(n.get("name", "")), _NULLS.get(str(n.get("verdict")), str(n.get("verdict", ""))), str(n.get("text") or "")]
-        for n in rows(answer, "nulls")
-    ]
-    lines = [[effect_name(name.replace(" ", "_")), verdict, text] for name, verdict, text in lines]
+    lines = []
+    for null in rows(answer, "nulls"):
+        name, outcome = text(null, "name").replace(" ", "_"), text(null, "verdict")
+        lines.append([effect_name(name), _NULLS.get(outcome, outcome), text(null, "text")])
     return [Table(["test", "outcome", "what was found"], lines)] if lines else []
 
 
@@ -286,16 +253,11 @@ def held_out_table(answer: Answer) -> list[Table]:
 
 def hints_table(answer: Answer) -> list[Table]:
     """Tabulate the formulas that would reduce the residual."""
-    lines = [
-        [
-            str(h.get("formula") or "–"),
-            ", ".join(str(w) for w in (h.get("stage"), h.get("joint")) if w),
-            signed(h.get("log_evidence_gain")),
-            signed(h.get("left_out_gain")),
-            str(h.get("text") or ""),
-        ]
-        for h in rows(answer, "hints")
-    ]
+    lines = []
+    for hint in rows(answer, "hints"):
+        acts_on = ", ".join(str(w) for w in (hint.get("stage"), hint.get("joint")) if w)
+        gains = [signed(hint.get(key)) for key in ("log_evidence_gain", "left_out_gain")]
+        lines.append([text(hint, "formula", "–"), acts_on, *gains, text(hint, "text")])
     header = ["formula", "acts on", "ln evidence", "left-out gain", "in words"]
     caption = "Left-out gain: log density that the formula adds to the cases, each predicted from all others [nat]."
     return [Table(header, lines, caption)] if lines else []
@@ -304,12 +266,7 @@ def hints_table(answer: Answer) -> list[Table]:
 def ready_made_table(answer: Answer) -> list[Table]:
     """Tabulate what rigs are known to do beyond the catalogue, where these readings show it."""
     lines = [
-        [
-            str(k.get("effect") or "–"),
-            number(value(k.get("probability")), 2),
-            signed(k.get("log_evidence_gain")),
-            str(k.get("text") or ""),
-        ]
+        [text(k, "effect", "–"), shown(k, "probability"), signed(k.get("log_evidence_gain")), text(k, "text")]
         for k in rows(answer, "ready_made")
     ]
     return [Table(["ready-made effect", "probability", "ln evidence", "in words"], lines)] if lines else []
@@ -319,16 +276,9 @@ def next_cases_table(answer: Answer) -> list[Table]:
     """Tabulate the load cases that would tell most."""
     lines = []
     for case in rows(answer, "next_cases"):
-        masses = {str(k): m for k, v in part(case, "masses_g").items() if (m := value(v)) is not None}
-        lines.append(
-            [
-                str(case.get("posture") or "–"),
-                str(case.get("location") or "–"),
-                load_text(masses).replace(" ", "\N{NO-BREAK SPACE}") if masses or "masses_g" in case else "–",
-                number(value(case.get("information_nat")), 2),
-                " / ".join(effect_name(n) for n in words(case.get("separates"))),
-                str(case.get("text") or ""),
-            ]
-        )
+        hung = load_text(masses_of(case)).replace(" ", "\N{NO-BREAK SPACE}") if "masses_g" in case else "–"
+        parted = " / ".join(effect_name(n) for n in words(case.get("separates")))
+        place = [text(case, "posture", "–"), text(case, "location", "–")]
+        lines.append([*place, hung, shown(case, "information_nat"), parted, text(case, "text")])
     header = ["posture", "at", "load", "information [nat]", "separates", "in words"]
     return [Table(header, lines, "Most telling first.")] if lines else []

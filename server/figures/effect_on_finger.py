@@ -39,15 +39,8 @@ def effect_on_finger(bench: Session, effects: Sequence[str], case: str | None = 
         raise NothingToDrawError("The effect changes no force of these load cases.")
     finger = bench.model.finger.replace_values(**bench.model.values_at(bench.theta)._asdict())
     one, other = (next(c for c in cases if c.id == chosen) for cases in (within, without))
-    hung = Hung(
-        one.masses_g,
-        one.location,
-        one.id,
-        one.role,
-        one.measured_N,
-        one.measured_sd_N,
-        one.predicted_N,
-        beside=(f"predicted without {' + '.join(effects)}", other.predicted_N),
-    )
+    beside = (f"predicted without {' + '.join(effects)}", other.predicted_N)
+    forces = (one.measured_N, one.measured_sd_N, one.predicted_N)
+    hung = Hung(one.masses_g, one.location, one.id, one.role, *forces, beside=beside)
     angles = bench.observations.posture_angles[one.posture]
     return finger_figure(finger, finger.values, one.posture, angles, hung, bench.loaded.name)

@@ -114,17 +114,17 @@ def head_mm(panels: int, length_mm: float) -> float:
 
 def heading(panel: Panel, finger: Finger, comparison: Comparison) -> str:
     """Write a panel's heading: posture, joint angles and the errors of the cases drawn."""
-    degrees = np.rad2deg(panel.pose.posture)
-    flexions = {j.name for j in finger.topology.joints}
-    angles = [
-        f"{plain(name)} {number(float(a), 0)}°"
-        for name, a in zip(finger.topology.rotations, degrees, strict=True)
-        if name in flexions or abs(a) > 0.05
-    ]
     errors = Comparison(tuple(panel.cases), comparison.noise_assumed).errors("sagittal")
     turn = "" if errors.direction_error_deg is None else f"{number(errors.direction_error_deg, 1)}°, "
     size = f"{number(errors.magnitude_error_N)} N ({number(errors.magnitude_error_pct, 1)} %)"
-    return f"<b>{posture_name(panel.posture)}</b><br>{', '.join(angles)}<br>mean error {turn}{size}"
+    return f"<b>{posture_name(panel.posture)}</b><br>{angles_text(finger, panel.pose)}<br>mean error {turn}{size}"
+
+
+def angles_text(finger: Finger, pose: FingerPose) -> str:
+    """Write the angles of a posture [deg]; of other than flexions those that are not zero."""
+    named = zip(finger.topology.rotations, np.rad2deg(pose.posture), strict=True)
+    flexions = {j.name for j in finger.topology.joints}
+    return ", ".join(f"{plain(n)} {number(float(a), 0)}°" for n, a in named if n in flexions or abs(a) > 0.05)
 
 
 def panels_figure(

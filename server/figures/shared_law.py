@@ -9,7 +9,7 @@ import numpy as np
 from fingermodel.parameters import with_unit
 from server.figures import graph_objects as go
 from server.figures import marks
-from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
+from server.figures.diagnosis_answer import Answer, masses_of, part, rows, shown, text, value, vector, words
 from server.figures.plot import Plot
 from server.figures.report import Section, Table, plot_or_reason
 from server.figures.sheet import Sheet
@@ -19,7 +19,6 @@ from server.figures.style import (
     axis,
     fixed,
     load_text,
-    number,
     plain,
     rgba,
 )
@@ -96,7 +95,7 @@ def law_figure(answer: Answer) -> go.Figure:
     if len(with_law) > _MOST_WITH_LAW:
         with_law = _evident(with_law)[:_MOST_WITH_LAW]
     law = laws[0]
-    size = with_unit(f"{number(value(law.get('value')), 3)} ± {number(value(law.get('sd')), 2)}", str(law.get("unit")))
+    size = with_unit(f"{shown(law, 'value', 3)} ± {shown(law, 'sd')}", str(law.get("unit")))
     return _curve(
         {**curve, "parts": with_law},
         "shared by all",
@@ -124,7 +123,7 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
     for k, found in enumerate(parts):
         row, column = divmod(k, _ACROSS)
         lowest = k + _ACROSS >= len(parts)
-        lost = number(value(found.get("log_evidence_lost")), 1)
+        lost = shown(found, "log_evidence_lost", 1)
         # An error of a tension is of no joint.
         place = plain(f"{found.get('muscle')} {found.get('joint') or ''}")
         axes = sheet.panel(
@@ -202,7 +201,7 @@ def chance_figure(answer: Answer) -> go.Figure:
     sheet = Sheet(240, _MARGINS, showlegend=True)
     sheet.panel(axis("gain of sharing [nat]"), axis("shuffles"))
     sheet.data += [bars, line]
-    chance = number(value(shared.get("permutation_p")), 3)
+    chance = shown(shared, "permutation_p", 3)
     return sheet.drawn(
         "Would chance do as well?",
         f"Tendons and signs of each session shuffled, {len(shuffled)} times; p = {chance}.",
@@ -214,9 +213,9 @@ def laws_tables(answer: Answer) -> list[Table]:
     """Tabulate the laws that the curve resembles, and what each adds to the session that it was not learned from."""
     laws, left_out = [], []
     for law in rows(answer, "shared", "laws"):
-        size = f"{number(value(law.get('value')), 3)} ± {number(value(law.get('sd')), 2)}"
+        size = f"{shown(law, 'value', 3)} ± {shown(law, 'sd')}"
         named, rivals = str(law.get("formula")), "; ".join(words(law.get("rivals"))[:4])
-        laws.append([named, with_unit(size, str(law.get("unit"))), number(value(law.get("agreement")), 2), rivals])
+        laws.append([named, with_unit(size, str(law.get("unit"))), shown(law, "agreement"), rivals])
         gains = part(law, "left_out_gain")
         for session in words(answer.get("sessions")):
             errors = part(law, "unseen_rmse_N", session)
@@ -246,11 +245,11 @@ def _deciding(shared: Answer) -> list[str | Table]:
     found = part(shared, "would_decide")
     lines = [
         [
-            str(r.get("posture") or "–").replace("_", " "),
-            str(r.get("location") or "–"),
-            load_text({str(k): m for k, v in part(r, "masses_g").items() if (m := value(v)) is not None}),
-            str(r.get("reading") or "–"),
-            number(value(r.get("information_nat")), 2),
+            text(r, "posture", "–").replace("_", " "),
+            text(r, "location", "–"),
+            load_text(masses_of(r)),
+            text(r, "reading", "–"),
+            shown(r, "information_nat"),
         ]
         for r in rows(found, "readings")
     ]
@@ -265,7 +264,7 @@ def _deciding(shared: Answer) -> list[str | Table]:
 
 
 def _fall(errors: Answer) -> str:
-    return " → ".join(number(value(errors.get(key)), 3) for key in ("before", "after"))
+    return " → ".join(shown(errors, key, 3) for key in ("before", "after"))
 
 
 # Figures of several sessions by name, each with its caption.

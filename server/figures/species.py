@@ -44,11 +44,11 @@ class Bars:
 
     heading: str
     unit: str
-    names: tuple[str, ...]
-    model: tuple[tuple[float | None, ...], tuple[float | None, ...]]
-    reach: tuple[tuple[Spread | None, ...], tuple[Spread | None, ...]] | None = None
-    measured: tuple[tuple[Spread | None, ...], tuple[Spread | None, ...]] | None = None
-    printed: tuple[tuple[float | None, ...], tuple[float | None, ...]] | None = None
+    names: Sequence[str]
+    model: Sequence[Sequence[float | None]]
+    reach: Sequence[Sequence[Spread | None]] | None = None
+    measured: Sequence[Sequence[Spread | None]] | None = None
+    printed: Sequence[Sequence[float | None]] | None = None
 
 
 def species_plots(result: SpeciesResult) -> list[Plot]:
@@ -142,17 +142,10 @@ def _fingers(result: SpeciesResult, posture: str) -> tuple[list[Panel], float]:
         scale = mm_per_unit / load.tension_N
         turned = [(f, k) for f, k in ((load.measured_tip_N, "measured"), (load.tip_N, "predicted")) if f is not None]
         for force, kind in turned:
-            panel.traces += arrow_traces(
-                (pose.tip_rotation @ force)[:2],
-                pose.load_point,
-                scale,
-                axes,
-                kind=kind,
-                case=case,
-                line=_line(color, kind),
-                head_mm=0.06 * reach,
-                hollow=kind == "predicted",
-            )
+            look: dict[str, Any] = {"case": case, "line": _line(color, kind), "head_mm": 0.06 * reach}
+            look["hollow"] = kind == "predicted"
+            seen = (pose.tip_rotation @ force)[:2]
+            panel.traces += arrow_traces(seen, pose.load_point, scale, axes, kind=kind, **look)
         ratio, read = (load.ratios(measured=m, plane="sagittal")["tip_per_tension"] for m in (False, True))
         words = f"predicted {number(ratio)}" + (f", measured {number(read)}" if read is not None else "")
         panel.heading = f"<b>{plain(result.names[index])}</b><br>tip force per tension: {words}"
@@ -170,19 +163,8 @@ def _case(load: Load) -> CaseComparison:
     """Return the load as a case of a comparison, for the arrows' hover texts."""
     nothing = np.full(3, np.nan)
     measured = nothing if load.measured_tip_N is None else load.measured_tip_N
-    return CaseComparison(
-        id=load.tendons,
-        role="tip force",
-        posture=load.posture,
-        location="tip",
-        masses_g=load.masses_g,
-        measured_N=measured,
-        measured_sd_N=nothing,
-        predicted_N=load.tip_N,
-        measured_Nmm=None,
-        predicted_Nmm=None,
-        z=None,
-    )
+    known = (load.tendons, "tip force", load.posture, "tip", load.masses_g)
+    return CaseComparison(*known, measured, nothing, load.tip_N, None, None, None)
 
 
 def _line(color: str, kind: str) -> dict[str, Any]:
@@ -195,40 +177,41 @@ def _bars(result: SpeciesResult) -> list[Bars]:
     a, b = result.of, result.other
     rows = {r.quantity: r.published for r in result.rows}
 
-    def printed(*quantities: str) -> tuple[tuple[float | None, ...], tuple[float | None, ...]] | None:
-        both = [tuple(rows.get(f"{who} {q}") for q in quantities) for who in ("human", "bonobo")]
-        return (both[0], both[1]) if any(x is not None for x in (*both[0], *both[1])) else None
+    def printed(quantities: Sequence[str]) -> list[list[float | None]] | None:
+        both = [[rows.get(f"{who} {q}") for q in quantities] for who in ("human", "bonobo")]
+        return both if any(x is not None for side in both for x in side) else None
 
     bones = [name for name, _, _ in shared(a.lengths_mm, b.lengths_mm)]
     arms = [n for n, _, _ in shared(a.arms_mm, b.arms_mm) if n.rpartition(".")[2] in result.main.split("+")]
     keys = ("tension_to_tip", "bone_to_tip")
     words = ("tension to tip force", "bone to tip force")
-    predicted = [tuple(side.spread(result.main, k) for k in keys) for side in (a, b)]
-    measured = [tuple(side.spread(result.main, k, measured=True) for k in keys) for side in (a, b)]
-    means = [tuple(None if s is None else s.mean for s in row) for row in predicted]
+    predicted, measured = (
+        [[side.spread(result.main, k, measured=m) for k in keys] for side in (a, b)] for m in (False, True)
+    )
+    means = [[None if s is None else s.mean for s in row] for row in predicted]
     return [
         Bars(
             "Bone lengths",
             "mm",
-            tuple(bones),
-            (tuple(a.lengths_mm.get(n) for n in bones), tuple(b.lengths_mm.get(n) for n in bones)),
-            printed=printed(*(f"{n} length" for n in bones)),
+            bones,
+            [[side.lengths_mm.get(n) for n in bones] for side in (a, b)],
+            printed=printed([f"{n} length" for n in bones]),
         ),
         Bars(
             "Mean flexion moment arms",
             "mm",
-            tuple(n.replace(".", "<br>") for n in arms),
-            (tuple(a.arms_mm.get(n) for n in arms), tuple(b.arms_mm.get(n) for n in arms)),
-            printed=printed(*(f"{n} mean moment arm" for n in arms)),
+            [n.replace(".", "<br>") for n in arms],
+            [[side.arms_mm.get(n) for n in arms] for side in (a, b)],
+            printed=printed([f"{n} mean moment arm" for n in arms]),
         ),
         Bars(
             f"{result.main}: force ratios",
             "1",
             ("tension<br>/ tip force", "bone force<br>/ tip force"),
-            (means[0], means[1]),
-            reach=(predicted[0], predicted[1]),
-            measured=(measured[0], measured[1]),
-            printed=printed(*(f"{w}, mean" for w in words)),
+            means,
+            predicted,
+            measured,
+            printed([f"{w}, mean" for w in words]),
         ),
     ]
 
