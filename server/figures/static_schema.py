@@ -1,7 +1,7 @@
 """Attributes of a Plotly figure that are drawn without a browser; any other that shows is refused, never dropped.
 
-A leaf is `ANY` or the set of values that are understood. Attributes that only matter to a pointer (hover, dragging,
-selection) are known to be invisible and pass.
+Each is named by its path, such as `marker.size`, with `ANY` or the set of values that are understood. Attributes that
+only matter to a pointer (hover, dragging, selection) are known to be invisible and pass.
 """
 
 from __future__ import annotations
@@ -35,126 +35,88 @@ SYMBOLS = {
 }
 
 
-def _any(names: str) -> dict[str, object]:
-    return dict.fromkeys(names.split(), ANY)
+def _any(*names: str, **parts: str) -> dict[str, Any]:
+    """Return attributes that are drawn whatever their value: by name, and those of a part, such as a font's size."""
+    nested = [f"{part}.{name}" for part, own in parts.items() for name in own.split()]
+    return dict.fromkeys([*" ".join(names).split(), *nested], ANY)
 
 
-_INVISIBLE = _any("hoverinfo hovertemplate hovertext hoveron hoverlabel customdata meta uid ids legendgroup")
-_FONT: Schema = {"size": ANY, "color": ANY, "family": ANY}
-_LINE: Schema = {"color": ANY, "width": ANY, "dash": ANY, "shape": {"linear"}}
-_ERROR: Schema = {
-    "type": {"data"},
-    **_any("array arrayminus symmetric"),
-    "visible": {True},
-    **_any("color thickness width"),
+_INVISIBLE = "hoverinfo hovertemplate hovertext hoveron hoverlabel customdata meta uid ids legendgroup"
+_FONT = "size color family"
+_ERRORS: Schema = {
+    f"error_{axis}.{name}": allowed
+    for axis in "xy"
+    for name, allowed in (
+        _any("array arrayminus symmetric color thickness width") | {"type": {"data"}, "visible": {True}}
+    ).items()
 }
-_TRACE: Schema = {
-    **_any("type name x y xaxis yaxis showlegend legendrank text"),
-    **_INVISIBLE,
-}
+_TRACE: Schema = _any("type name x y xaxis yaxis showlegend legendrank text cliponaxis", _INVISIBLE, textfont=_FONT)
 TRACES: dict[str, Schema] = {
     "scatter": {
         **_TRACE,
-        "mode": ANY,
-        "line": _LINE,
-        "marker": {
-            **_any("color size symbol"),
-            "line": {"color": ANY, "width": ANY},
-        },
+        **_ERRORS,
+        **_any("mode fillcolor textposition", line="color width dash"),
+        **_any(marker="color size symbol line.color line.width"),
+        "line.shape": {"linear"},
         "fill": {"toself"},
-        "fillcolor": ANY,
-        "error_x": _ERROR,
-        "error_y": _ERROR,
-        "textposition": ANY,
-        "textfont": _FONT,
-        "cliponaxis": ANY,
     },
     "bar": {
         **_TRACE,
+        **_ERRORS,
+        **_any("base width offsetgroup", marker="color line.color line.width"),
         "orientation": {"v", "h"},
-        **_any("base width"),
-        "marker": {"color": ANY, "line": {"color": ANY, "width": ANY}},
-        "error_x": _ERROR,
-        "error_y": _ERROR,
         "textposition": {"outside"},
-        "textfont": _FONT,
         "textangle": {0},
-        "cliponaxis": ANY,
         "constraintext": {"none"},
-        "offsetgroup": ANY,
     },
     "heatmap": {
         **_TRACE,
-        **_any("z zmin zmax colorscale showscale"),
+        **_any("z zmin zmax colorscale showscale xgap ygap hoverongaps"),
+        **_any(colorbar="thickness len tickvals ticktext outlinewidth tickfont.size tickfont.color tickfont.family"),
+        **_any(colorbar="title.text title.font.size title.font.color title.font.family"),
+        "colorbar.title.side": {"top"},
         "texttemplate": {"%{text}"},
-        "textfont": _FONT,
-        **_any("xgap ygap hoverongaps"),
-        "colorbar": {
-            "title": {"text": ANY, "side": {"top"}, "font": _FONT},
-            **_any("thickness len"),
-            "tickfont": _FONT,
-            **_any("tickvals ticktext outlinewidth"),
-        },
     },
 }
 AXIS: Schema = {
-    "title": {"text": ANY, "font": _FONT, "standoff": ANY},
-    "range": ANY,
+    **_any("range domain anchor showgrid gridcolor gridwidth zeroline zerolinecolor zerolinewidth visible"),
+    **_any("showline linecolor linewidth ticklen tickcolor tickangle tickvals ticktext nticks showticklabels"),
+    **_any("scaleanchor scaleratio categoryarray", tickfont=_FONT),
+    **_any(title="text standoff font.size font.color font.family"),
     "type": {"linear", "log", "category", "-"},
     "rangemode": {"tozero"},
-    **_any("domain anchor"),
-    **_any("showgrid gridcolor gridwidth zeroline zerolinecolor zerolinewidth showline linecolor linewidth"),
     "mirror": {True},
     "ticks": {"outside", ""},
-    **_any("ticklen tickcolor"),
-    "tickfont": _FONT,
-    **_any("tickangle tickvals ticktext"),
-    **_any("nticks showticklabels scaleanchor scaleratio"),
     "constrain": {"domain"},
     "categoryorder": {"array"},
-    **_any("categoryarray visible"),
 }
 ANNOTATION: Schema = {
-    **_any("text x y xref yref xanchor yanchor xshift yshift"),
+    **_any("text x y xref yref xanchor yanchor xshift yshift bgcolor", font=_FONT),
+    **_any("showarrow ax ay axref ayref arrowsize arrowwidth arrowcolor"),
     "align": {"left", "center", "right"},
-    "font": _FONT,
-    **_any("bgcolor showarrow ax ay axref ayref"),
     "arrowhead": {2},
-    **_any("arrowsize arrowwidth arrowcolor"),
 }
 SHAPE: Schema = {
+    **_any("x0 x1 y0 y1 xref yref fillcolor", line="color width dash"),
     "type": {"line", "rect"},
-    **_any("x0 x1 y0 y1 xref yref"),
-    "line": _LINE,
-    "fillcolor": ANY,
     "layer": {"above", "below"},
 }
 LAYOUT: Schema = {
-    **_any("template width height"),
-    "margin": {"l": ANY, "r": ANY, "t": ANY, "b": ANY},
-    "title": {
-        **_any("text x y"),
-        "xref": {"container"},
-        "yref": {"container"},
-        "xanchor": {"left"},
-        "yanchor": {"top"},
-        "pad": {"l": ANY},
-        "font": _FONT,
-        "subtitle": {"text": ANY, "font": _FONT},
-    },
-    "font": _FONT,
-    **_any("paper_bgcolor plot_bgcolor showlegend"),
-    "legend": {
-        **_any("x y"),
-        "xanchor": {"left", "right"},
-        "yanchor": {"top", "bottom"},
-        "orientation": {"h", "v"},
-        "font": _FONT,
-        "title": {"text": ANY, "font": _FONT},
-        "traceorder": {"normal"},
-    },
+    **_any("template width height paper_bgcolor plot_bgcolor showlegend bargap bargroupgap annotations shapes"),
+    **_any("hovermode hoverlabel meta", font=_FONT, margin="l r t b"),
+    **_any(title="text x y pad.l font.size font.color font.family subtitle.text"),
+    **_any(title="subtitle.font.size subtitle.font.color subtitle.font.family"),
+    **_any(legend="x y font.size font.color font.family title.text title.font.size title.font.color"),
+    "legend.title.font.family": ANY,
+    "title.xref": {"container"},
+    "title.yref": {"container"},
+    "title.xanchor": {"left"},
+    "title.yanchor": {"top"},
+    "legend.xanchor": {"left", "right"},
+    "legend.yanchor": {"top", "bottom"},
+    "legend.orientation": {"h", "v"},
+    "legend.traceorder": {"normal"},
     "barmode": {"group", "overlay"},
-    **_any("bargap bargroupgap annotations shapes hovermode hoverlabel meta"),
 }
 
 
@@ -217,18 +179,15 @@ def _has_defaults(template: Any) -> bool:
     return bool(template.get("layout")) or any(set(entry) - {"type"} for entry in entries)
 
 
-def _check(found: Mapping[str, Any], schema: Schema, where: str) -> None:
+def _check(found: Mapping[str, Any], schema: Schema, where: str, part: str = "") -> None:
+    """Refuse what is not in a schema, a part of a figure being named by its path, such as `marker.line.`."""
     for key, value in found.items():
-        if value is None:
+        allowed = schema.get(part + key)
+        if value is None or allowed is ANY:
             continue
-        if key not in schema:
+        if allowed is None and isinstance(value, Mapping) and any(k.startswith(f"{part}{key}.") for k in schema):
+            _check(value, schema, f"{where}.{key}", f"{part}{key}.")
+        elif allowed is None:
             raise UnsupportedFigureError(f"{where}: {key} is not drawn")
-        allowed = schema[key]
-        if allowed is ANY:
-            continue
-        if isinstance(allowed, Mapping):
-            if not isinstance(value, Mapping):
-                raise UnsupportedFigureError(f"{where}: {key} is {value!r}, expected its parts")
-            _check(value, allowed, f"{where}.{key}")
         elif not any(value == one for one in allowed):
             raise UnsupportedFigureError(f"{where}: {key} {value!r} is not drawn")
