@@ -80,19 +80,8 @@ def plan(
     """Plan a bench day: scale a finger, choose postures and loads, write the sheet to tick (asks for what it lacks)."""
     from server.commands.plan import PlanOptions, plan_bench
 
-    options = PlanOptions(
-        out=out,
-        finger=finger,
-        bones=tuple(bone or ()),
-        moment_arms=tuple(moment_arm or ()),
-        references=tuple(reference or ()),
-        protocol=protocol,
-        loads=loads,
-        postures=tuple(posture or ()),
-        only=tuple(only or ()),
-        title=title,
-    )
-    plan_bench(options, json)
+    lengths = (bone or [], moment_arm or [], reference or [])
+    plan_bench(PlanOptions(out, finger, *lengths, protocol, loads, posture or [], only or [], title), json)
 
 
 @app.command(rich_help_panel=STUDY)

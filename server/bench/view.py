@@ -6,7 +6,6 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import numpy as np
@@ -150,17 +149,15 @@ class LiveView:
         self._live.update(shown, refresh=True)
 
     def __enter__(self) -> Self:
-        self._live.__enter__()
+        self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._live.__exit__(kind, error, trace)
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
 
 
 class LineView:
-    """Prints one line an event; use as a context, like `LiveView`.
+    """Prints one line an event.
 
     Args:
         out: by default standard output.
@@ -183,14 +180,6 @@ class LineView:
 
     def draw(self, space_left: int | None = None) -> None:
         """Draw nothing: there is nothing to redraw."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return
 
 
 def _lenient(stream: TextIO) -> None:

@@ -153,8 +153,8 @@ def _loop(
 ) -> None:
     """Go on until the session is over: by keys on a redrawn screen, or by lines of text; from elsewhere too."""
     if not by_keys:
-        with LineView() as lines:
-            BenchLoop(*parts, *joined(remote, lines, from_lines(typed_lines())), ends_when_closed=True).go_on()
+        shown = joined(remote, LineView(), from_lines(typed_lines()))
+        BenchLoop(*parts, *shown, ends_when_closed=True).go_on()
         return
     keys, run = KeyInput(), parts[3]
     with terminal_keys() as read, LiveView(run, parts[4], keys) as view:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,13 +49,13 @@ class PlanOptions:
 
     out: Path
     finger: str | None
-    bones: tuple[str, ...]
-    moment_arms: tuple[str, ...]
-    references: tuple[str, ...]
+    bones: Sequence[str]
+    moment_arms: Sequence[str]
+    references: Sequence[str]
     protocol: str | None
     loads: Path | None
-    postures: tuple[str, ...]
-    only: tuple[str, ...]
+    postures: Sequence[str]
+    only: Sequence[str]
     title: str | None
 
 

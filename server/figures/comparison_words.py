@@ -65,13 +65,12 @@ def error_tables(comparison: Comparison, before: Comparison | None, plane: Plane
         f"RMSE {PLANE_NAMES[other]} [N]",
     ]
     tables = []
-    roles = list(dict.fromkeys((c.role, c.location) for c in comparison.cases))
-    for words, key in (("role and place", None), ("loaded tendon, tip", "tip")):
-        if key is None:
-            chosen = [(f"{r}, {p}", {"role": r, "location": p}) for r, p in roles]
-        else:
-            names = in_order(c.muscles for c in comparison.select(location=key).cases)
-            chosen = [(m, {"location": key, "muscles": m}) for m in names]
+    roles = dict.fromkeys((c.role, c.location) for c in comparison.cases)
+    tendons = in_order(c.muscles for c in comparison.select(location="tip").cases)
+    for words, chosen in (
+        ("role and place", [(f"{r}, {p}", {"role": r, "location": p}) for r, p in roles]),
+        ("loaded tendon, tip", [(m, {"location": "tip", "muscles": m}) for m in tendons]),
+    ):
         rows = [
             _error_row(label, comparison.select(**pick), before.select(**pick) if before else None, plane)
             for label, pick in chosen

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -162,12 +163,9 @@ def _panel(sheet: Sheet, pairs: Sequence[tuple[CaseComparison, Floats]], index: 
 def _groups(cases: Sequence[CaseComparison]) -> list[tuple[str, int, int]]:
     """Return (name, first, end) of neighbouring cases of one mount and one set of tendons."""
     out: list[tuple[str, int, int]] = []
-    for index, case in enumerate(cases):
-        name = f"{case.location} {plain(case.muscles)}"
-        if out and out[-1][0] == name:
-            out[-1] = (name, out[-1][1], index + 1)
-        else:
-            out.append((name, index, index + 1))
+    for name, own in groupby(f"{case.location} {plain(case.muscles)}" for case in cases):
+        first = out[-1][2] if out else 0
+        out.append((name, first, first + len(list(own))))
     return out
 
 

@@ -84,30 +84,19 @@ def inversion_plots(inversion: Inversion) -> list[Plot]:
     ]
     closure = f"{inversion.title[:1].upper()}{inversion.title[1:]}"
     said = f"{closure}. One place for each load case, side by side over what hung."
+    title, size = "Contact forces between the bones", "Magnitude of the force of the child bone on its parent."
     return [
         Plot(
             "inversion-muscles",
             "Muscle forces",
-            _strips(
-                muscles,
-                order,
-                ("assigned ± 2 sd", "really hung"),
-                title="Muscle forces behind the measured tip forces",
-                subtitle=f"{said}<br>{sign}",
-            ),
+            _strips(muscles, order, "really hung", "Muscle forces behind the measured tip forces", f"{said}<br>{sign}"),
             "Where dot and dash part by more than the bar, the closure finds another muscle than the one that pulled. "
             "A bar that meets the frame goes on beyond it.",
         ),
         Plot(
             "inversion-contacts",
             "Joint contact forces",
-            _strips(
-                joints,
-                order,
-                ("assigned ± 2 sd", "the model's, of the weights that hung"),
-                title="Contact forces between the bones",
-                subtitle=f"{said}<br>Magnitude of the force of the child bone on its parent.",
-            ),
+            _strips(joints, order, "the model's, of the weights that hung", title, f"{said}<br>{size}"),
             "No load cell reads these: dots follow from the tip force and the closure, dashes from the known weights.",
         ),
     ]
@@ -179,8 +168,8 @@ def _ordered(cases: Sequence[InvertedCase]) -> _Order:
     return _Order(tuple(ordered), tuple(at), tuple(loads))
 
 
-def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, title: str, subtitle: str) -> go.Figure:
-    """Draw one panel below the other, cases from left to right, with common bands for the loads."""
+def _strips(panels: Sequence[_Panel], order: _Order, known: str, title: str, subtitle: str) -> go.Figure:
+    """Draw one panel below the other, cases from left to right over bands for the loads; dashes are what is known."""
     crowded = _crowded(order)
     margins = (_LEFT, _RIGHT, _TOP, _BOTTOM if crowded else _BOTTOM_LEVEL)
     sheet = Sheet(len(panels) * _PANEL + (len(panels) - 1) * _GAP, margins, showlegend=True)
@@ -203,7 +192,7 @@ def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, 
         )
         on = (axes["xaxis"], axes["yaxis"])
         sheet.shapes += [shape((begin, end), span, on, fillcolor=BAND) for _, begin, end in order.loads]
-        sheet.data += _traces(panel, order, names, axes, first=k == 0)
+        sheet.data += _traces(panel, order, known, axes, first=k == 0)
     return sheet.drawn(title, subtitle, legend_px=26)
 
 
@@ -234,12 +223,10 @@ def _bars(panel: _Panel) -> tuple[list[float], list[float]]:
     return [min(bar, max(a.force_N, 0.0)) for bar, a in zip(above, panel.forces, strict=True)], above
 
 
-def _traces(
-    panel: _Panel, order: _Order, names: tuple[str, str], axes: dict[str, str], *, first: bool
-) -> list[go.Scatter]:
+def _traces(panel: _Panel, order: _Order, known: str, axes: dict[str, str], *, first: bool) -> list[go.Scatter]:
     words = [
         f"<b>{plain(c.id)}</b> {plain(load_text(c.masses_g))}, {posture_name(c.posture)}"
-        f"<br>{number(a.force_N)} ± {number(2.0 * a.sd_N)} N; {names[1]}: {number(a.hung_N)} N"
+        f"<br>{number(a.force_N)} ± {number(2.0 * a.sd_N)} N; {known}: {number(a.hung_N)} N"
         for c, a in zip(order.cases, panel.forces, strict=True)
     ]
     own: dict[str, Any] = {"showlegend": first, **axes}
@@ -250,7 +237,7 @@ def _traces(
             [x for at in order.at for x in (at - _HALF, at + _HALF, None)],
             [y for a in panel.forces for y in (a.hung_N, a.hung_N, None)],
             {"color": INK, "width": 2},
-            name=names[1],
+            name=known,
             legendgroup="hung",
             **own,
         ),
@@ -260,7 +247,7 @@ def _traces(
             {"color": panel.color, "size": 6, "symbol": ["circle-open" if p else "circle" for p in pushed]},
             words,
             error_y=whiskers(above, panel.color, below, thickness=1.2, width=0),
-            name=names[0],
+            name="assigned ± 2 sd",
             legendgroup="assigned",
             **own,
         ),

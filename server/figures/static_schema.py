@@ -23,15 +23,11 @@ SYMBOLS = {
     "diamond": "D",
     "triangle-up": "^",
     "triangle-down": "v",
-    "triangle-left": "<",
-    "triangle-right": ">",
     "cross": "P",
     "x": "X",
     "star": "*",
     "pentagon": "p",
     "hexagon": "h",
-    "line-ns": "|",
-    "line-ew": "_",
 }
 
 

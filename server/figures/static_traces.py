@@ -103,15 +103,14 @@ def _markers(axes: Axes, marker: Trace, x: Floats, y: Floats, zorder: float, cli
     for symbol in dict.fromkeys(symbols):
         rows = [i for i, s in enumerate(symbols) if s == symbol and np.isfinite(x[i]) and np.isfinite(y[i])]
         shape, hollow = _symbol(symbol)
-        thin = shape in "|_"
         axes.scatter(
             x[rows],
             y[rows],
             s=[(sizes[i] * PT * _SIZES.get(shape, 1.0)) ** 2 for i in rows],
             marker=shape,
-            facecolors=None if thin else ["none" if hollow else color(inks[i]) for i in rows],
-            edgecolors=[color(inks[i] if hollow or thin else rims[i]) for i in rows],
-            linewidths=[max(rim_widths[i], 1.3 if hollow or thin else 0) * PT for i in rows],
+            facecolors=["none" if hollow else color(inks[i]) for i in rows],
+            edgecolors=[color(inks[i] if hollow else rims[i]) for i in rows],
+            linewidths=[max(rim_widths[i], 1.3 if hollow else 0) * PT for i in rows],
             zorder=zorder,
             clip_on=clip,
         )
@@ -166,6 +165,6 @@ def legend_handle(trace: Trace) -> Artist:
         handle.set_marker(shape)
         handle.set_markersize(min(float(one(marker.get("size", 6))), 14.0) * PT * _SIZES.get(shape, 1.0))
         handle.set_markerfacecolor("none" if hollow else ink)
-        handle.set_markeredgecolor(ink if hollow or shape in "|_" else color(one(rim.get("color", "none"))))
+        handle.set_markeredgecolor(ink if hollow else color(one(rim.get("color", "none"))))
         handle.set_markeredgewidth(max(float(one(rim.get("width", 0))), 1.3 if hollow else 0.0) * PT)
     return handle
