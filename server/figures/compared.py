@@ -26,8 +26,7 @@ class Compared:
         model: that was compared.
         observations: of the session, for postures and tensions.
         comparison: of both.
-        before: of the model that it is held against.
-        before_name: of that model.
+        before: name and comparison of the model that it is held against.
         spread: between specimens by case, where the session is their average (see `arrows.spread_between`).
         theta: fitted parameters of `comparison`; by default the model before any fit.
         name: of the model, for titles.
@@ -36,8 +35,7 @@ class Compared:
     model: Model
     observations: Observations
     comparison: Comparison
-    before: Comparison | None = None
-    before_name: str = "Before"
+    before: tuple[str, Comparison] | None = None
     spread: Mapping[str, Spread] | None = None
     theta: NDArray[np.float64] | None = None
     name: str = "Model"
@@ -63,16 +61,14 @@ class Compared:
             theta: fitted parameters of `comparison`.
             name: of the model.
         """
-        return cls(
-            session.model,
-            session.observations,
-            comparison,
-            None if before is None else before[1],
-            "Before" if before is None else before[0],
-            spread,
-            session.theta if theta is None else theta,
-            name or session.loaded.name,
-        )
+        fitted = session.theta if theta is None else theta
+        named = name or session.loaded.name
+        return cls(session.model, session.observations, comparison, before, spread, fitted, named)
+
+    @property
+    def models(self) -> list[tuple[str, Comparison]]:
+        """Names and comparisons: of the model before, where there is one, and of the model itself."""
+        return [*([] if self.before is None else [self.before]), (self.name, self.comparison)]
 
     @property
     def values(self) -> FingerValues:

@@ -52,17 +52,11 @@ def report_title(session: str) -> str:
 
 def comparison_sections(compared: Compared, notes: Sequence[str] = ()) -> list[Section]:
     """Return the parts of the page of `comparison_report`, whose arguments these are."""
-    model, comparison, before = compared.model, compared.comparison, compared.before
-    plane = model.finger.judged_in
-    summary: list[Part] = [
-        *sentences(model, comparison, before, compared.before_name, compared.name),
-        *notes,
-        *error_tables(comparison, before, plane),
-    ]
+    summary: list[Part] = [*sentences(compared), *notes, *error_tables(compared)]
     plots = by_heading((p.heading, plot_or_reason(p.name, p.draw, p.caption)) for p in comparison_plans(compared))
     return [
         Section("Summary", summary),
-        *folded([*plots, Section("Load cases", [case_table(comparison, plane)])]),
+        *folded([*plots, Section("Load cases", [case_table(compared)])]),
     ]
 
 
@@ -85,8 +79,7 @@ def comparison_plans(
     """
     model = compared.model
     drawn_in = plane or model.finger.judged_in
-    both = [] if compared.before is None else [(compared.before_name, compared.before)]
-    both = [*both, (compared.name, compared.comparison)]
+    both = compared.models
     held = "The same cases under both models. " if len(both) > 1 else ""
     unpredicted = drawn_in == model.finger.judged_in == "sagittal"
     no_Fz = " Fz is left out, which this finger does not predict." if unpredicted else ""

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison, ErrorSummary
 from fingermodel.fingers import Plane
-from fingermodel.model import Model
+from server.figures.compared import Compared
 from server.figures.report import Table
 from server.figures.style import PLANE_NAMES, fixed, in_order, load_text, number, other_plane
 
 Floats = NDArray[np.float64]
 
 
-def sentences(
-    model: Model, comparison: Comparison, before: Comparison | None, before_name: str, model_name: str
-) -> list[str]:
+def sentences(compared: Compared) -> list[str]:
     """Say in plain words what was compared and how far the two are apart."""
-    cases, plane = comparison.cases, model.finger.judged_in
+    comparison, plane = compared.comparison, compared.model.finger.judged_in
+    cases = comparison.cases
     postures = len({c.posture for c in cases})
     where = "in the sagittal plane" if plane == "sagittal" else "in space"
     out = [
@@ -30,11 +29,14 @@ def sentences(
     ]
     for role, location in dict.fromkeys((c.role, c.location) for c in cases):
         errors = comparison.select(role, location).errors(plane)
-        said = f"In the {counted(errors.cases, f'{role} case')} at the {location}, {model_name} is off by an RMSE of "
+        said = (
+            f"In the {counted(errors.cases, f'{role} case')} at the {location}, {compared.name} is off by an RMSE of "
+        )
         said += f"{number(errors.rmse_N)} N {where}, {number(errors.rmse_rel_pct, 1)} % of the mean measured force"
-        if before is not None:
+        if compared.before is not None:
+            name, before = compared.before
             was = before.select(role, location).errors(plane)
-            said += f"; {before_name} was off by {number(was.rmse_N)} N ({number(was.rmse_rel_pct, 1)} %)"
+            said += f"; {name} was off by {number(was.rmse_N)} N ({number(was.rmse_rel_pct, 1)} %)"
         out.append(said + ".")
     if plane == "sagittal":
         out.append(
@@ -51,8 +53,9 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def error_tables(comparison: Comparison, before: Comparison | None, plane: Plane) -> list[Table]:
-    """Tabulate the errors in a plane by role and place, and by loaded tendon."""
+def error_tables(compared: Compared) -> list[Table]:
+    """Tabulate the errors by role and place, and by loaded tendon, in the plane in which the finger is judged."""
+    comparison, plane = compared.comparison, compared.model.finger.judged_in
     other = other_plane(plane)
     header = [
         "cases",
@@ -71,36 +74,35 @@ def error_tables(comparison: Comparison, before: Comparison | None, plane: Plane
         ("role and place", [(f"{r}, {p}", {"role": r, "location": p}) for r, p in roles]),
         ("loaded tendon, tip", [(m, {"location": "tip", "muscles": m}) for m in tendons]),
     ):
-        rows = [
-            _error_row(label, comparison.select(**pick), before.select(**pick) if before else None, plane)
-            for label, pick in chosen
-        ]
+        rows = [_error_row(label, [one.select(**pick) for _, one in compared.models], plane) for label, pick in chosen]
         if rows:
-            note = "; before → after" if before else ""
+            note = "; before → after" if compared.before else ""
             caption = f"Errors by {words}, {PLANE_NAMES[plane]} unless said otherwise{note}."
             tables.append(Table(header, rows, caption))
     return tables
 
 
-def _error_row(label: str, after: Comparison, before: Comparison | None, judged: Plane) -> list[str]:
-    def both(read: Callable[[ErrorSummary], float | None], digits: int, plane: str = judged) -> str:
-        now = number(read(after.errors(plane)), digits)
-        return now if before is None else f"{number(read(before.errors(plane)), digits)} → {now}"
+def _error_row(label: str, models: Sequence[Comparison], judged: Plane) -> list[str]:
+    """Return the errors of some cases under each model."""
+    own, other = ([one.errors(plane) for one in models] for plane in (judged, other_plane(judged)))
 
-    return [
-        label,
-        str(len(after.cases)),
-        both(lambda e: e.rmse_N, 3),
-        both(lambda e: e.rmse_rel_pct, 1),
-        both(lambda e: e.magnitude_error_N, 3),
-        both(lambda e: e.magnitude_error_pct, 1),
-        both(lambda e: e.direction_error_deg, 1),
-        both(lambda e: e.rmse_N, 3, other_plane(judged)),
-    ]
+    def each(errors: Sequence[ErrorSummary], key: str, digits: int) -> str:
+        return " → ".join(number(getattr(e, key), digits) for e in errors)
+
+    digits = {
+        "rmse_N": 3,
+        "rmse_rel_pct": 1,
+        "magnitude_error_N": 3,
+        "magnitude_error_pct": 1,
+        "direction_error_deg": 1,
+    }
+    count = str(len(models[-1].cases))
+    return [label, count, *(each(own, key, n) for key, n in digits.items()), each(other, "rmse_N", 3)]
 
 
-def case_table(comparison: Comparison, plane: Plane) -> Table:
+def case_table(compared: Compared) -> Table:
     """Tabulate every case: load, forces, residual and z."""
+    comparison, plane = compared.comparison, compared.model.finger.judged_in
     largest = max((float(np.abs(c.measured_N).max()) for c in comparison.cases), default=1.0)
     digits = 3 if largest >= 0.1 else 6
     header = ["case", "role", "at", "load", "measured [N]", "predicted [N]", "measured − predicted [N]", "z"]

@@ -49,11 +49,9 @@ class Panel:
 
     def extent(self) -> Floats:
         """Return (2, 2) lowest and highest x and y of everything drawn [mm]."""
-        points = [
-            [(float(x), float(y)) for x, y in zip(t.x, t.y, strict=True) if x is not None] for t in self.traces if t.x
-        ]
-        flat = np.array([p for line in points for p in line])
-        return np.stack([flat.min(axis=0), flat.max(axis=0)])
+        pairs = [pair for t in self.traces for pair in zip(t.x or (), t.y or (), strict=True) if pair[0] is not None]
+        points = np.array(pairs, dtype=float)
+        return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
 def panels_of(

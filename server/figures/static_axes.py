@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter, NullLocator
-from matplotlib.transforms import BboxTransformTo, Transform, TransformedBbox, blended_transform_factory
+from matplotlib.transforms import Bbox, BboxTransformTo, Transform, TransformedBbox, blended_transform_factory
 
 from server.figures.static_schema import UnsupportedFigureError
 from server.figures.static_text import PT, color, flat
@@ -61,13 +61,7 @@ class Canvas:
     def _make(self, x: str, y: str) -> Axes:
         left, bottom, width, height = self.plot
         (x0, x1), (y0, y1) = (self.axis(n).get("domain") or (0.0, 1.0) for n in (x, y))
-        box = (
-            float(left + x0 * width),
-            float(bottom + y0 * height),
-            float((x1 - x0) * width),
-            float((y1 - y0) * height),
-        )
-        axes = self.figure.add_axes(box)
+        axes = self.figure.add_axes((left + x0 * width, bottom + y0 * height, (x1 - x0) * width, (y1 - y0) * height))
         axes.set_facecolor(color(self.layout.get("plot_bgcolor", "none")))
         axes.set_axisbelow(True)
         for name in (x, y):
@@ -81,10 +75,7 @@ class Canvas:
 
     def _along(self, reference: str) -> Transform:
         if reference == "paper":
-            from matplotlib.transforms import Bbox
-
-            box = Bbox.from_bounds(*self.plot)
-            return BboxTransformTo(TransformedBbox(box, self.figure.transFigure))
+            return BboxTransformTo(TransformedBbox(Bbox.from_bounds(*self.plot), self.figure.transFigure))
         name, _, domain = reference.partition(" ")
         axes = self.of_axis(name)
         return axes.transAxes if domain == "domain" else axes.transData

@@ -160,13 +160,9 @@ def _most_rows(cases: Sequence[Case]) -> list[Row]:
         return {d.muscle: float(np.linalg.norm(d.force_N[level] - d.force_N[0])) for d in case.result.deficits}
 
     def most(what: str, muscle: str, values: dict[str, float], unit: str, place: int = 0) -> Row:
-        ranked = sorted(values, key=lambda m: -values[m])
-        note = (
-            MOST
-            if ranked[place] == muscle
-            else f"{MOST}; there {ranked[place]} does more ({values[ranked[place]]:.3g})"
-        )
-        return Row(what, None, values[muscle], unit, ranked[place] == muscle, note, muscle)
+        ours = sorted(values, key=lambda m: -values[m])[place]
+        note = MOST if ours == muscle else f"{MOST}; there {ours} does more ({values[ours]:.3g})"
+        return Row(what, None, values[muscle], unit, ours == muscle, note, muscle)
 
     return [
         most("index dorsal: turns most when lost", "FDI", turns(dorsal), "deg"),

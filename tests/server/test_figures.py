@@ -44,7 +44,7 @@ def test_awkward_sessions_give_every_figure_that_they_can(name: str) -> None:
 
 def test_before_and_after_are_both_drawn_and_written(tmp_path: Path) -> None:
     model, observations, comparison = ordinary()
-    compared = Compared(model, observations, comparison, comparison, "First guess", name="Fitted")
+    compared = Compared(model, observations, comparison, ("First guess", comparison), name="Fitted")
     figures = figures_of(comparison_sections(compared))
     written = write_static(tmp_path, figures, scale=1.0)
     assert {p.suffix for p in written} == {".png", ".svg"}
