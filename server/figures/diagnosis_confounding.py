@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import DETECTABLE, Answer, effect_name, part, shortened, value, words
 from server.figures.sheet import Sheet, shape
 from server.figures.style import (
@@ -60,21 +61,15 @@ def confounding_figure(answer: Answer) -> go.Figure:
     cell = max(_LEAST_CELL, min(_MOST_CELL, room // len(order)))
     plot, below = cell * len(order), round(6.2 * max(len(t) for t in columns)) + 12
     z = [[1.0 if a == b else matrix.get((a, b)) for b in order] for a in order]
-    heat = go.Heatmap(
-        x=list(range(len(order))),
-        y=list(range(len(order))),
-        z=z,
-        zmin=0.0,
-        zmax=1.0,
-        colorscale=[[at, color] for at, color in _COLORS],
-        text=[[_number(v, i == k, cell) for k, v in enumerate(line)] for i, line in enumerate(z)],
-        texttemplate="%{text}",
+    heat = marks.cells(
+        z,
+        (0.0, 1.0),
+        _COLORS,
+        [[_number(v, i == k, cell) for k, v in enumerate(line)] for i, line in enumerate(z)],
+        [[_hover(a, b, matrix.get((a, b))) for b in order] for a in order],
         textfont={"size": 9 if cell < 26 else SMALL_PX, "color": INK},
         xgap=1,
         ygap=1,
-        hoverinfo="text",
-        hovertext=[[_hover(a, b, matrix.get((a, b))) for b in order] for a in order],
-        hoverongaps=False,
         colorbar=colorbar("alike", [0, 0.5, 0.9, 1], ["0", "0.5", "0.9", "1"]),
     )
     frame: dict[str, Any] = {"showgrid": False, "linecolor": GRID}

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
+from server.figures import marks
 from server.figures.diagnosis_answer import (
     Answer,
     after_which_fit,
@@ -120,34 +121,20 @@ def _panel(
 ) -> go.Heatmap:
     grid = [[cells.get((location, m, p)) for p in postures] for m in muscles]
     shown = [[None if c is None else c.z_rms for c in line] for line in grid]
-    return go.Heatmap(
-        x=list(range(len(postures))),
-        y=list(range(len(muscles))),
-        z=[[None if z is None else math.log10(min(max(z, _LOW), _HIGH)) for z in line] for line in shown],
-        zmin=math.log10(_LOW),
-        zmax=math.log10(_HIGH),
-        colorscale=[[k / (len(_COLORS) - 1), c] for k, c in enumerate(_COLORS)],
-        text=[["" if z is None else number(z, 0 if z >= 99.95 else 1) for z in line] for line in shown],
-        texttemplate="%{text}",
+    common = {"role": "identification", "location": location}
+    ticks = [f"{t:g}" for t in _TICKS[:-1]] + [f"≥ {_TICKS[-1]:g}"]
+    return marks.cells(
+        [[None if z is None else math.log10(min(max(z, _LOW), _HIGH)) for z in line] for line in shown],
+        (math.log10(_LOW), math.log10(_HIGH)),
+        [(k / (len(_COLORS) - 1), c) for k, c in enumerate(_COLORS)],
+        [["" if z is None else number(z, 0 if z >= 99.95 else 1) for z in line] for line in shown],
+        [[_hover(location, m, p, cells.get((location, m, p))) for p in postures] for m in muscles],
         textfont={"size": SMALL_PX + 1, "color": INK},
         xgap=2,
         ygap=2,
-        hoverinfo="text",
-        hovertext=[
-            [_hover(location, m, p, c) for p, c in zip(postures, line, strict=True)]
-            for m, line in zip(muscles, grid, strict=True)
-        ],
-        hoverongaps=False,
-        meta={
-            "select": [
-                [{"role": "identification", "location": location, "muscles": m, "posture": p} for p in postures]
-                for m in muscles
-            ]
-        },
+        meta={"select": [[common | {"muscles": m, "posture": p} for p in postures] for m in muscles]},
         showscale=last,
-        colorbar=colorbar(
-            "z", [math.log10(t) for t in _TICKS], [f"{t:g}" for t in _TICKS[:-1]] + [f"≥ {_TICKS[-1]:g}"]
-        ),
+        colorbar=colorbar("z", [math.log10(t) for t in _TICKS], ticks),
         **axes,
     )
 

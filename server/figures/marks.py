@@ -20,7 +20,7 @@ def xy(places: Floats) -> tuple[list[float], list[float]]:
     return x, y
 
 
-def hover(words: Sequence[str] | None) -> dict[str, Any]:
+def hover(words: Sequence[Any] | None) -> dict[str, Any]:
     """Return what the pointer is told: words for each point, or nothing at all."""
     return {"hoverinfo": "skip"} if words is None else {"hoverinfo": "text", "hovertext": words}
 
@@ -44,6 +44,30 @@ def area(x: Sequence[Any], y: Sequence[Any], color: str, edge: Look, **more: Any
 def bars(x: Sequence[Any], y: Sequence[Any], color: Any, words: Sequence[str] | None, **more: Any) -> Any:
     """Return bars of one colour, or of a colour each, without an edge, with words for the pointer."""
     return go.Bar(x=list(x), y=list(y), marker={"color": color, "line": {"width": 0}}, **hover(words), **more)
+
+
+def cells(
+    values: Sequence[Sequence[float | None]],
+    span: tuple[float, float],
+    colors: Sequence[tuple[float, str]],
+    words: Sequence[Sequence[str]],
+    told: Sequence[Sequence[str]],
+    **more: Any,
+) -> Any:
+    """Return rows of coloured cells, from the top, with words on each and others for the pointer.
+
+    Args:
+        values: that the colours stand for; None leaves a cell empty.
+        span: the values of the first and of the last colour.
+        colors: with their places between the first, 0, and the last, 1.
+        words: on each cell.
+        told: for the pointer.
+        more: of Plotly's heatmap.
+    """
+    places = {"x": list(range(len(values[0]))), "y": list(range(len(values)))}
+    scale = {"zmin": span[0], "zmax": span[1], "colorscale": [[at, color] for at, color in colors]}
+    shown = {"text": words, "texttemplate": "%{text}", "hoverongaps": False, **hover(told)}
+    return go.Heatmap(z=values, **places, **scale, **shown, **more)
 
 
 def band(x: Sequence[Any], low: Sequence[float], high: Sequence[float], color: str, axes: Look) -> Any:
