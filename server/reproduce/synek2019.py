@@ -22,6 +22,7 @@ from server.figures.plot import Plot
 from server.figures.specimen_spread import spread_of
 from server.reproduce.printed import reference, rows_beside
 from server.reproduce.study import Line, Progress, Reproduction, Sheet
+from server.reproduce.synek2019_species import GIVEN, NO_POINTS
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
 Numbers = dict[str, float | None]
@@ -31,9 +32,6 @@ PREDICTORS = {
     "ours": "our fit (map)",
     "superposition": "superposition limit",
 }
-NO_POINTS = "not available: the bonobo's tendon points are not among the published data; ours are human points scaled"
-
-GIVEN = "given: our bonobo is built from it"
 
 
 @dataclass(frozen=True)

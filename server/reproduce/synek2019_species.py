@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from fingermodel.studies.published import Row, not_available, row, row_within
+from server.reproduce.printed import reference
 
 if TYPE_CHECKING:
     from fingermodel.studies.species import SpeciesResult
@@ -13,24 +14,13 @@ if TYPE_CHECKING:
 
 HUMAN, BONOBO = "synek2019_HMEAN", "synek2019_B01"
 FLEXORS = "FDP+FDS"
-# Printed numbers of human and bonobo.
-LENGTHS = {"PP": ("47.0", "57.8"), "MP": ("28.8", "38.1"), "DP": ("19.0", "20.4")}
-ARMS = {
-    "DIP.FDP": ("4.3", "3.9"),
-    "PIP.FDP": ("11.1", "10.4"),
-    "MCP.FDP": ("12.1", "12.9"),
-    "PIP.FDS": ("7.3", "6.6"),
-    "MCP.FDS": ("12.8", "13.3"),
-}
-RATIOS = {
-    "tension_to_tip": (("3.78", "3.54", "4.10"), ("5.36", "5.06", "5.66")),
-    "bone_to_tip": (("2.87", "2.55", "3.15"), ("4.44", "4.19", "4.68")),
-}
+BONES = ("PP", "MP", "DP")
+SEGMENTS = ("DIP.FDP", "PIP.FDP", "MCP.FDP", "PIP.FDS", "MCP.FDS")
 HIGHER_PCT = {"tension_to_tip": "42", "bone_to_tip": "55"}
 WORDS = {"tension_to_tip": "tension to tip force", "bone_to_tip": "bone to tip force"}
 GIVEN = "given: our bonobo is built from it"
-OTHER = "not available: this is not the paper's bonobo, whose tendon points are not among the published data"
 NO_POINTS = "not available: the bonobo's tendon points are not among the published data; ours are human points scaled"
+OTHER = "not available: this is not the paper's bonobo, whose tendon points are not among the published data"
 MEASURED = "measured: the paper prints its models' ratios, not those of its measured forces"
 OF_TABLE = "computed from the printed numbers of Table 3, whatever finger is ours"
 
@@ -41,12 +31,23 @@ def species_rows(result: SpeciesResult) -> list[Row]:
         return []
     note = GIVEN if result.other.name == "synek2019_bonobo" else OTHER
     return [
-        *_sizes("{} length", LENGTHS, result.of.lengths_mm, result.other.lengths_mm, note),
-        *_sizes("{} mean moment arm", ARMS, result.of.arms_mm, result.other.arms_mm, note),
+        *_sizes("{} length", _printed("length", BONES), result.of.lengths_mm, result.other.lengths_mm, note),
+        *_sizes("{} mean moment arm", _printed("arm", SEGMENTS), result.of.arms_mm, result.other.arms_mm, note),
         *_ratios(result),
         *_relations(),
         *_directions(result),
     ]
+
+
+def _printed(kind: str, names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Return printed numbers of human and bonobo by name; a kind is length, arm, tension or bone."""
+    numbers = reference("synek2019")
+    human, bonobo = (
+        {name: text for part in parts for _, text, _, name in numbers[part]}
+        for parts in (("human",), ("bonobo", "bonobo_given"))
+    )
+    both = {name: (text, bonobo[name]) for name, text in human.items() if name in bonobo} | numbers["table_3"]
+    return {name: both[f"{kind}.{name}"] for name in names}
 
 
 def _sizes(
@@ -64,16 +65,18 @@ def _sizes(
 
 
 def _ratios(result: SpeciesResult) -> Iterator[Row]:
-    for key, (human, bonobo) in RATIOS.items():
+    for key, said in WORDS.items():
+        # Of each the mean, the least and the most.
+        human, bonobo = zip(*_printed(key.removesuffix("_to_tip"), ("mean", "min", "max")).values(), strict=True)
         a, b = (side.spread(FLEXORS, key) for side in (result.of, result.other))
         if a is None or b is None:
             continue
         for what, text, ours in zip(("mean", "least", "most"), human, (a.mean, a.least, a.most), strict=True):
-            yield row(f"human {WORDS[key]}, {what}", text, ours, "1")
+            yield row(f"human {said}, {what}", text, ours, "1")
         for what, text, ours in zip(("mean", "least", "most"), bonobo, (b.mean, b.least, b.most), strict=True):
-            yield not_available(f"bonobo {WORDS[key]}, {what}", text, ours, "1", NO_POINTS)
+            yield not_available(f"bonobo {said}, {what}", text, ours, "1", NO_POINTS)
         higher = HIGHER_PCT[key]
-        name = f"{WORDS[key]} higher in the bonobo"
+        name = f"{said} higher in the bonobo"
         yield row(f"{name}, of the printed means", higher, 100.0 * (float(bonobo[0]) / float(human[0]) - 1.0), "%")
         yield not_available(f"{name}, our models", higher, 100.0 * (b.mean / a.mean - 1.0), "%", NO_POINTS)
         for plane in ("space", "sagittal"):
@@ -86,9 +89,9 @@ def _ratios(result: SpeciesResult) -> Iterator[Row]:
 
 def _relations() -> Iterator[Row]:
     """Yield rows on the text's statements about Table 3, from the table's own numbers."""
-    human, bonobo = (sum(float(pair[i]) for pair in LENGTHS.values()) for i in (0, 1))
+    human, bonobo = (sum(float(pair[i]) for pair in _printed("length", BONES).values()) for i in (0, 1))
     yield row("bonobo's phalanges longer, together", "22", 100.0 * (bonobo / human - 1.0), "%", OF_TABLE)
-    larger = {name: 100.0 * (float(b) / float(a) - 1.0) for name, (a, b) in ARMS.items()}
+    larger = {name: 100.0 * (float(b) / float(a) - 1.0) for name, (a, b) in _printed("arm", SEGMENTS).items()}
     yield row("bonobo's flexor arms larger, FDS at the MCP", "4", larger["MCP.FDS"], "%", OF_TABLE)
     yield row("bonobo's flexor arms larger, FDP at the MCP", "7", larger["MCP.FDP"], "%", OF_TABLE)
     for name in ("PIP.FDP", "PIP.FDS", "DIP.FDP"):

@@ -22,21 +22,16 @@ from fingermodel.dynamics.motion import Motion, read_motion
 from fingermodel.fingers.files import read_finger
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.studies.movement import MovementResult, work_out
-from fingermodel.studies.published import Row, not_available, row, row_about, row_within
+from fingermodel.studies.published import Row, row, row_about, row_within
 from server.figures.movement import Reference, movement_plots
 from server.figures.plot import Plot
-from server.reproduce.printed import reference
+from server.reproduce.printed import reference, rows_beside
 from server.reproduce.study import Line, Progress, Reproduction, Sheet
 
 Floats = NDArray[np.float64]
 FINGER, MOTION = "wu2008_index", "wu2008_tap"
 # Our names of the muscles, and theirs in AMMR's output.
 AMMR = {"FDP": "FP", "FDS": "FS", "EC": "EC", "EI": "EI", "RI": "RI", "UI": "UI", "LU": "LU"}
-TABLE_1B = {
-    "DP": ("distal", "3.91", "0.104", "0.190", "0.170"),
-    "MP": ("middle", "6.79", "0.232", "0.484", "0.451"),
-    "PP": ("proximal", "15.5", "0.648", "2.86", "2.83"),
-}
 FROM_S, TO_S, STEPS = -0.06, 0.24, 301
 OTHER_INPUT = (
     "paper and AMMR differ: for these inputs the authors' later model gives FP 2.40 N and FS 1.80 N (sheet below); its "
@@ -47,6 +42,7 @@ MEASURED = "quoted in the paper, which finds itself consistent with it: mean and
 REST = (
     "our muscles at rest hold the finger against gravity and against the passive RI and UI, so FDS is active throughout"
 )
+TORQUES = "not available: the torques of Jindrich et al. 2004 and the paper's own are in figures alone"
 AROUND = "'around' is taken as within 10 ms, 'shortly before' as from 50 ms before to 10 ms after"
 
 
@@ -55,7 +51,8 @@ def reproduce(progress: Progress) -> Reproduction:
     result = tap("wu2008", FROM_S)
     progress(0.4)
     later = tap("wu2008_ammr", 0.0, steps=40)
-    rows = [*_inertia_rows(), *_peak_rows(result), *_order_rows(result), *_passive_rows(result), *_torque_rows()]
+    rows = [*_inertia_rows(), *_peak_rows(result), *_order_rows(result), *_passive_rows(result)]
+    rows += rows_beside(reference("wu2008")["torques"], {}, TORQUES)
     progress(0.6)
     sheets = (_settings(result), _directions(), _beside_ammr(later))
     progress(1.0)
@@ -117,7 +114,7 @@ def _plots() -> list[Plot]:
 
 def _inertia_rows() -> Iterator[Row]:
     for shape in read_segments("wu2008"):
-        name, mass, *moments = TABLE_1B[shape.bone]
+        name, mass, *moments = reference("wu2008")["table_1b"][shape.bone]
         ours = shape.inertia()
         low, high = _mass_range_g(shape)
         rounded = abs(1e3 * ours.mass_kg - float(mass)) <= 0.5 * 10.0 ** -len(mass.partition(".")[2])
@@ -208,14 +205,6 @@ def _passive_rows(result: MovementResult) -> Iterator[Row]:
     least = float(min(greatest[result.muscles.index(m)] for m in ("UI", "RI")))
     why = "of the two greatest passive forces the lesser is shown"
     yield Row("greatest passive forces", None, least, "N", two == {"UI", "RI"}, why, "in UI and RI")
-
-
-def _torque_rows() -> list[Row]:
-    reason = "not available: the torques of Jindrich et al. 2004 and the paper's own are in figures alone"
-    return [
-        not_available("DIP torque below that of Jindrich et al. 2004", "18", None, "%", reason),
-        not_available("PIP and MCP torque from those of Jindrich et al. 2004, at most", "9", None, "%", reason),
-    ]
 
 
 def _settings(result: MovementResult) -> Sheet:
