@@ -39,7 +39,23 @@ def predictor(setup: BenchSetup, model: str | None = None) -> Predict:
     Raises:
         InputError: the model cannot be used, or not with these cases.
     """
-    return Planned(_predicted(setup, model))
+    from fingermodel.budget import budget_of
+    from fingermodel.comparison.observations import layout_of, observe
+    from fingermodel.model_files import load_model
+
+    prepare_jax()
+    planned = setup.require_sound()
+    factor = planned.tension_factor
+    if isinstance(factor, TensionEstimate):
+        factor = PUBLISHED_TENSION_FACTOR
+    # Forces of nothing stand where forces will be: only what is predicted counts.
+    session = planned.model_copy(update={"checks": (), "tension_factor": factor})
+    measured = assemble(session, {})
+    layout, budget = layout_of(measured), budget_of(session.budget)
+    loaded = load_model(model, session.id, session.finger, session.folder, layout, budget)
+    bench = Session(measured, observe(measured, loaded.model.finger, loaded.model.budget), loaded)
+    forces = [np.asarray(c.predicted_N) for c in compare(bench).cases]
+    return Planned(dict(zip(map(_key, session.cases), forces, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,26 +108,6 @@ def _question(hung: Masses, entered: Masses) -> str:
     if tendons:
         return f"is a weight on {tendons[0]}"
     return "are these the weights" if dict(hung).keys() == dict(entered).keys() else "is a weight lacking"
-
-
-def _predicted(setup: BenchSetup, model: str | None) -> Mapping[Key, Floats]:
-    from fingermodel.budget import budget_of
-    from fingermodel.comparison.observations import layout_of, observe
-    from fingermodel.model_files import load_model
-
-    prepare_jax()
-    planned = setup.require_sound()
-    factor = planned.tension_factor
-    if isinstance(factor, TensionEstimate):
-        factor = PUBLISHED_TENSION_FACTOR
-    # Forces of nothing stand where forces will be: only what is predicted counts.
-    session = planned.model_copy(update={"checks": (), "tension_factor": factor})
-    measured = assemble(session, {})
-    layout, budget = layout_of(measured), budget_of(session.budget)
-    loaded = load_model(model, session.id, session.finger, session.folder, layout, budget)
-    bench = Session(measured, observe(measured, loaded.model.finger, loaded.model.budget), loaded)
-    forces = [np.asarray(c.predicted_N) for c in compare(bench).cases]
-    return dict(zip(map(_key, session.cases), forces, strict=True))
 
 
 def _key(case: LoadCase) -> Key:

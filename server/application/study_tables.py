@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +30,7 @@ def write_deficits(result: ActivationResult, path: Path) -> int:
             d.change_deg(), d.change_deg("sagittal"), d.change_deg("coronal"), strict=True,
         )  # fmt: skip
         rows += [[defused(d.muscle), *(_cell(x) for x in (level, *force, *rest))] for level, force, *rest in cells]
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(rows)
-    return len(rows)
+    return _write(path, columns, rows)
 
 
 def write_time_courses(result: MovementResult, path: Path) -> int:
@@ -50,11 +47,15 @@ def write_time_courses(result: MovementResult, path: Path) -> int:
         ("length_mm", result.length_mm),
     ):
         columns |= {f"{name}_{key}": v for name, v in zip(result.muscles, values.T, strict=True)}
+    rows = [[f"{x:.9g}" for x in row] for row in zip(*columns.values(), strict=True)]
+    return _write(path, map(defused, columns), rows)
+
+
+def _write(path: Path, columns: Iterable[str], rows: Sequence[Sequence[str]]) -> int:
+    """Write rows below their columns; return how many there are."""
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(map(defused, columns))
-        writer.writerows([f"{x:.9g}" for x in row] for row in zip(*columns.values(), strict=True))
-    return len(result.times_s)
+        csv.writer(file).writerows([[*columns], *rows])
+    return len(rows)
 
 
 def _cell(value: float | None) -> str:

@@ -38,19 +38,14 @@ def export_finger(source: str, file_format: str, out: Path | None, model: str | 
     finger, name, notes = named_finger(source)
     written = written_finger(finger, name, file_format)
     path = out or Path(f"{name}{ENDINGS[file_format][0]}")
-    with writing(path):
-        _write(path, written.text)
+    with writing(path), replacing(path) as temporary:
+        temporary.write_text(written.text, encoding="utf-8")
     notes += written.notes
     body: dict[str, Any] = {"source": source, "file": str(path), "rows": None, "notes": list(notes)}
     if not answer("export", body, json):
         for note in notes:
             say(f"{note}.")
         say(str(path))
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def import_finger(source: Path, load_point: str | None, out: Path | None, json: str | None) -> None:

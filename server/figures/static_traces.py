@@ -61,7 +61,7 @@ def _pieces(x: Floats, y: Floats) -> list[Floats]:
 
 
 def _scatter(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> None:
-    line, mode = trace.get("line") or {}, trace["mode"]
+    mode = trace["mode"]
     clip = trace.get("cliponaxis") is not False
     if trace.get("fill") == "toself":
         for piece in _pieces(x, y):
@@ -71,19 +71,8 @@ def _scatter(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> N
             axes.add_patch(PathPatch(path, facecolor=face, edgecolor="none", zorder=zorder, clip_on=clip))
             axes.update_datalim(piece)
     if "lines" in mode:
-        width = float(line.get("width", 2))
-        axes.plot(
-            x,
-            y,
-            color=color(line.get("color", "#000000")),
-            linewidth=width * PT,
-            linestyle=dashes(line.get("dash"), width),
-            solid_capstyle="butt",
-            dash_capstyle="butt",
-            solid_joinstyle="miter",
-            zorder=zorder + 1e-5,
-            clip_on=clip,
-        )
+        ends: dict[str, Any] = {"solid_capstyle": "butt", "dash_capstyle": "butt", "solid_joinstyle": "miter"}
+        axes.plot(x, y, **_stroke(trace.get("line") or {}), **ends, zorder=zorder + 1e-5, clip_on=clip)
     for which in ("error_x", "error_y"):
         if bars := trace.get(which):
             error_bars(axes, bars, which, x, y, zorder)
@@ -133,38 +122,33 @@ def _labels(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> No
             put_word(axes, word, (px, py), font, (side[1], up[1]), (side[0], up[0]), zorder)
 
 
+def _stroke(line: Trace) -> dict[str, Any]:
+    """Return a line's look in Matplotlib's terms."""
+    width = float(line.get("width", 2))
+    ink, dash = color(line.get("color", "#000000")), dashes(line.get("dash"), width)
+    return {"color": ink, "linewidth": width * PT, "linestyle": dash}
+
+
 def legend_handle(trace: Trace) -> Artist:
     """Return the sign that stands for a trace in the legend."""
-    marker, line = trace.get("marker") or {}, trace.get("line") or {}
+    marker, line, mode = trace.get("marker") or {}, trace.get("line") or {}, trace.get("mode", "")
     one: Callable[[Any], Any] = lambda v: v[0] if isinstance(v, list | tuple | np.ndarray) else v  # noqa: E731
+    rim = marker.get("line") or {}
+    edge, width = color(one(rim.get("color", "none"))), float(one(rim.get("width", 0)))
     if trace.get("type") == "bar":
-        rim = marker.get("line") or {}
-        return Patch(
-            facecolor=color(one(marker["color"])),
-            edgecolor=color(one(rim.get("color", "none"))),
-            linewidth=float(one(rim.get("width", 0))) * PT,
-        )
-    mode = trace["mode"]
+        return Patch(facecolor=color(one(marker["color"])), edgecolor=edge, linewidth=width * PT)
     if trace.get("fill") == "toself":
         edge = color(line.get("color", "none")) if "lines" in mode else "none"
-        return Patch(
-            facecolor=color(trace["fillcolor"]),
-            edgecolor=edge,
-            linewidth=float(line.get("width", 2)) * PT,
-        )
-    width = float(line.get("width", 2))
-    handle = Line2D([], [], linestyle="none")
-    if "lines" in mode:
-        handle.set_linestyle(dashes(line.get("dash"), width))
-        handle.set_linewidth(width * PT)
-        handle.set_color(color(line.get("color", "#000000")))
+        return Patch(facecolor=color(trace["fillcolor"]), edgecolor=edge, linewidth=float(line.get("width", 2)) * PT)
+    look = _stroke(line) if "lines" in mode else {"linestyle": "none"}
     if "markers" in mode:
         shape, hollow = _symbol(one(marker.get("symbol", "circle")))
-        ink = color(one(marker["color"]))
-        rim = marker.get("line") or {}
-        handle.set_marker(shape)
-        handle.set_markersize(min(float(one(marker.get("size", 6))), 14.0) * PT * _SIZES.get(shape, 1.0))
-        handle.set_markerfacecolor("none" if hollow else ink)
-        handle.set_markeredgecolor(ink if hollow else color(one(rim.get("color", "none"))))
-        handle.set_markeredgewidth(max(float(one(rim.get("width", 0))), 1.3 if hollow else 0.0) * PT)
-    return handle
+        ink, size = color(one(marker["color"])), min(float(one(marker.get("size", 6))), 14.0)
+        look |= {
+            "marker": shape,
+            "markersize": size * PT * _SIZES.get(shape, 1.0),
+            "markerfacecolor": "none" if hollow else ink,
+            "markeredgecolor": ink if hollow else edge,
+            "markeredgewidth": max(width, 1.3 if hollow else 0.0) * PT,
+        }
+    return Line2D([], [], **look)
