@@ -23,8 +23,8 @@ from server.figures.diagnosis_size import size_figure
 from server.figures.diagnosis_torque import torque_figure
 from server.figures.diagnosis_words import title
 from server.figures.plot import Plot
-from server.figures.report import Section, Table, plot_or_reason, write_report
-from server.figures.report_front import closing_sections, finger_section, folded, to_do_section
+from server.figures.report import Section, Steps, Table, plot_or_reason, write_report
+from server.figures.report_front import closing_sections, finger_section, folded, to_do
 from server.figures.shared_law import own_curve_figure, shared_sections
 from server.figures.style import number
 
@@ -117,7 +117,7 @@ def diagnosis_sections(
     caption = "The load case that it changes most. Solid: measured, dashed: predicted with it, dotted: without it."
     first = [
         Section("Verdict", said.verdict_sentences(answer)),
-        to_do_section(answer),
+        Section("What to do", [Steps(to_do(answer))]),
         Section("Error before and after", or_else(tables.error_table(answer), "No error before or after is stated.")),
         *finger_section(answer, None if finger is None else Plot("finger", "", finger, caption)),
     ]

@@ -65,9 +65,9 @@ def say(text: str = "") -> None:
     sys.stdout.write(text + "\n")
 
 
-def columns_wide() -> int:
-    """Return the width that tables may take: the terminal's, or 200 in a pipe, where there is nothing to fit."""
-    return _known_width() or 200
+def at_terminal(json_file: str | None) -> bool:
+    """Return whether somebody can be asked: at a terminal whose output is not taken by the answer."""
+    return json_file != "-" and sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _known_width() -> int:
@@ -78,7 +78,8 @@ def _known_width() -> int:
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], note: str = "") -> None:
     """Print a table; numbers are aligned to the right and never cut, None is a dash."""
-    wide = columns_wide()
+    # In a pipe there is nothing to fit.
+    wide = _known_width() or 200
     bold = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     head = [f"\x1b[1m{line}\x1b[0m" if bold else line for line in _wrapped(title, wide)]
     foot = _wrapped(note, wide) if note else []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from daq.export.tables import sha256_of
 from daq.files import is_special
 from daq.lab.files import convert_recording, write_mapping
 from daq.lab.proposals import propose_mapping
-from server.commands.console import answer, progress, say
+from server.commands.console import answer, at_terminal, progress, say
 from server.commands.mapping_dialogue import settled, show_proposal, words
 
 
@@ -48,7 +47,7 @@ def import_recording(
 
 def _proposed(recording: Path, mapping: Path, calibration: str | None, json: str | None) -> bool:
     """Write a proposal; return whether somebody at the terminal confirmed it."""
-    if json != "-" and sys.stdin.isatty() and sys.stdout.isatty():
+    if at_terminal(json):
         confirmed = settled(recording, calibration)
         if confirmed is not None:
             write_mapping(mapping, confirmed)

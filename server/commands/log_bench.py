@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,7 @@ from server.bench.loop import BenchLoop, from_keys, from_lines
 from server.bench.meter import StreamMeter
 from server.bench.remote import Remote, joined
 from server.bench.view import LineView, LiveView
-from server.commands.console import answer, progress, say
+from server.commands.console import answer, at_terminal, progress, say
 from server.commands.forwarding import forwarding
 from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
 
@@ -72,7 +71,7 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
             stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
         closed.path = out / JOURNAL
     else:
-        stream, session = _follow(options, setup, acquisition, closed, about, before, by_keys=_at_terminal(json))
+        stream, session = _follow(options, setup, acquisition, closed, about, before, by_keys=at_terminal(json))
     body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
         where = quoted(out)
@@ -142,10 +141,6 @@ def _follow(
             remote = None if tail is None else Remote(tail, run)
             _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
         return stream, write_bench_session(journal, out, stream)
-
-
-def _at_terminal(json: str | None) -> bool:
-    return sys.stdin.isatty() and sys.stdout.isatty() and json != "-"
 
 
 def _loop(

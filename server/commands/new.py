@@ -47,7 +47,7 @@ from server.application.new_session import (
     suspects,
     write_new,
 )
-from server.commands.console import answer, progress, say, table
+from server.commands.console import answer, at_terminal, progress, say, table
 from server.commands.mapping_dialogue import settled
 from server.commands.questions import ask, ask_finger, ask_postures, lines, number
 
@@ -82,7 +82,7 @@ def new_session(options: NewOptions, json: str | None) -> None:
     """
     if (options.out / SESSION).exists():
         raise InputError(f"{options.out.name} has a session already", "a new folder", "Choose another --out")
-    asking = not options.yes and json != "-" and sys.stdin.isatty() and sys.stdout.isatty()
+    asking = not options.yes and at_terminal(json)
     header, own_finger = _known_header(options)
     lacks = [key for key in REQUIRED if key not in header]
     if lacks and not asking:

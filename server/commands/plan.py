@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from server.application.bench_plan import (
 )
 from server.application.exporting import writing
 from server.application.new_session import lacking, notes_of
-from server.commands.console import answer, progress, say
+from server.commands.console import answer, at_terminal, progress, say
 from server.commands.questions import ask, ask_finger, ask_postures, lines, number
 from server.commands.scaling import measures
 from server.figures.comparison_words import counted
@@ -69,7 +68,7 @@ def plan_bench(options: PlanOptions, json: str | None) -> None:
         raise InputError(f"{options.out.name} has a plan already", "a new folder", "Choose another --out")
     if options.protocol is not None and options.loads is not None:
         raise InputError("--protocol with --loads", "one of the two")
-    asking = json != "-" and sys.stdin.isatty() and sys.stdout.isatty()
+    asking = at_terminal(json)
     finger, bones, scaled = _finger(options, asking)
     protocol = _protocol(options, finger, asking)
     require_fits(protocol, finger)

@@ -211,6 +211,12 @@ def change_text(before: float, after: float, digits: int = 3) -> str:
     return f"+{text}" if after > before and text.strip("0.") else text
 
 
+def gains_of(row: Answer) -> tuple[str, str, str]:
+    """Write what an explanation gains: ln evidence, RMSE of the validation cases before and after, and its size."""
+    held = part(row, "validation_rmse_N")
+    return signed(row.get("log_evidence_gain")), from_to(held.get("before"), held.get("after")), size_text(row)
+
+
 def size_text(row: Answer) -> str:
     """Write how far an explanation moves the readings [N], with its interval: `0.19 (0.17–0.21)`."""
     size, low, high = (value(row.get(k)) for k in ("size_N", "size_low_N", "size_high_N"))

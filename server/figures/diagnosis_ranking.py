@@ -14,16 +14,13 @@ from server.figures.diagnosis_answer import (
     NOTHING_COLOR,
     Answer,
     explanation_name,
-    from_to,
+    gains_of,
     kind,
     named_rows,
-    part,
     probability_text,
     ranked,
     rows,
     shortened,
-    signed,
-    size_text,
     value,
     with_sd,
 )
@@ -131,21 +128,10 @@ def _labels(shown: Sequence[Answer], names: Sequence[Sequence[str]], named: Sequ
 
 def _columns(shown: Sequence[Answer]) -> list[dict[str, Any]]:
     out = []
-    for column, (x, title) in enumerate(_COLUMNS):
+    for (x, title), texts in zip(_COLUMNS, zip(*map(gains_of, shown), strict=True), strict=True):
         out.append(_word(title, x, 1.0, "paper", MUTED, 4))
-        for i, row in enumerate(shown):
-            text = (_evidence, _held_out, size_text)[column](row)
-            out.append(_word(plain(text), x, i, "y", INK, 0))
+        out += [_word(plain(text), x, i, "y", INK, 0) for i, text in enumerate(texts)]
     return out
-
-
-def _evidence(row: Answer) -> str:
-    return signed(row.get("log_evidence_gain"))
-
-
-def _held_out(row: Answer) -> str:
-    both = part(row, "validation_rmse_N")
-    return from_to(both.get("before"), both.get("after"))
 
 
 def _label(row: Answer) -> list[str]:

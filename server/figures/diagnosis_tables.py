@@ -14,6 +14,7 @@ from server.figures.diagnosis_answer import (
     effect_name,
     explanation_name,
     from_to,
+    gains_of,
     locations_in_order,
     masses_of,
     named_rows,
@@ -24,7 +25,6 @@ from server.figures.diagnosis_answer import (
     rows,
     shown,
     signed,
-    size_text,
     text,
     value,
     with_sd,
@@ -146,15 +146,14 @@ def ranking_table(answer: Answer) -> list[Table]:
     """Tabulate the explanations that are drawn, with what they gain and what they are easily taken for."""
     named, out = named_rows(answer), []
     for place, row in enumerate(shown_rows(answer), start=1):
-        held = part(row, "validation_rmse_N")
         remarks = ["named by the verdict"] if row in named else []
         remarks += ["value outside its range"] if row.get("in_range") is False else []
         remarks += [said for said in words(row.get("variant")) if ": " in said]
         if alike := words(row.get("indistinguishable_from")):
             remarks.append(f"not told apart from {', '.join(effect_name(n) for n in alike)}")
-        gains = [signed(row.get("log_evidence_gain")), size_text(row), from_to(held.get("before"), held.get("after"))]
+        evidence, held, size = gains_of(row)
         name, p = explanation_name(row), probability_text(row.get("probability"))
-        out.append([str(place), name, p, *gains, "; ".join(remarks)])
+        out.append([str(place), name, p, evidence, size, held, "; ".join(remarks)])
     header = ["", "explanation", "probability", "ln evidence", "size [N] (95 %)"]
     header += ["validation RMSE [N], before → after", "remarks"]
     more = len(ranked(answer)) - len(out)

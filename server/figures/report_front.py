@@ -8,7 +8,7 @@ from daq.quoting import quoted
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, value, with_sd, words
 from server.figures.plot import Plot
-from server.figures.report import Section, Steps, Table
+from server.figures.report import Section, Table
 from server.figures.style import fixed
 
 # Widths from which an error of the rig is worth a measurement of its own.
@@ -81,11 +81,6 @@ def _values(answer: Answer) -> str:
             unit = str(parameter.get("unit") or "1")
             told.append(f"{parameter.get('name')} = {found} ± {sd}{'' if unit == '1' else f' {unit}'}")
     return ", ".join(told)
-
-
-def to_do_section(answer: Answer) -> Section:
-    """Return what is to be done as a part of the first page."""
-    return Section("What to do", [Steps(to_do(answer))])
 
 
 def finger_section(answer: Answer, finger: Plot | None) -> list[Section]:
