@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fingermodel.api import diagnose
 from fingermodel.diagnosis.answer.answer import answer as body_of
@@ -14,11 +14,9 @@ from fingermodel.diagnosis.next_cases.frozen import Confirmation, read_frozen, s
 from fingermodel.diagnosis.next_cases.next_cases import name_of, plan_next
 from fingermodel.session import Session
 from server.application.provenance import provenance
+from server.figures import graph_objects as go
 from server.figures.effect_on_finger import effect_on_finger
 from server.figures.style import NothingToDrawError
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
 
 
 def run_diagnosis(bench: Session, thorough: bool = False, tell: Any = None) -> Diagnosis:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from server.figures import diagnosis_tables as tables
 from server.figures import diagnosis_words as said
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import value, words
 from server.figures.diagnosis_confounding import confounding_figure
 from server.figures.diagnosis_held_out import held_out_figure
@@ -27,9 +28,6 @@ from server.figures.report import Section, Steps, Table, plot_or_reason, write_r
 from server.figures.report_front import closing_sections, finger_section, folded, to_do
 from server.figures.shared_law import own_curve_figure, shared_sections
 from server.figures.style import number
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
 
 History = Sequence[Mapping[str, Any]]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
@@ -168,14 +169,5 @@ def _bars(values: Sequence[float | None], role: str, axes: dict[str, str], *, na
 
 def _wrapped(lines: Sequence[str], wide: int) -> str:
     """Break lines between words so that neighbouring labels do not meet."""
-    out: list[str] = []
-    for text in lines:
-        row = ""
-        for word in text.split():
-            if row and len(row) + 1 + len(word) > wide:
-                out.append(row)
-                row = word
-            else:
-                row = f"{row} {word}".strip()
-        out.append(row)
-    return "<br>".join(plain(shortened(row, 40)) for row in out)
+    rows = [row for text in lines for row in wrap(text, wide, break_long_words=False, break_on_hyphens=False)]
+    return "<br>".join(plain(shortened(row, 40)) for row in rows)

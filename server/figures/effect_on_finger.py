@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fingermodel import comparing
 from fingermodel.fingers import PLANES
 from fingermodel.session import Session
+from server.figures import graph_objects as go
 from server.figures.bench_finger import Hung, finger_figure
 from server.figures.style import NothingToDrawError
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
 
 
 def effect_on_finger(bench: Session, effects: Sequence[str], case: str | None = None) -> go.Figure:
