@@ -77,7 +77,6 @@ def deficits_figure(result: ActivationResult) -> go.Figure:
     """Draw size and direction of the tip force while each muscle loses activation."""
     moving = [np.abs(d.force_N - d.force_N[0]).max() > _UNSEEN_N for d in result.deficits]
     sheet = Sheet(300, (_LEFT, _RIGHT, _TOP, 104), showlegend=True)
-    wide = (sheet.wide - _GAP) / 2.0
     levels = result.deficits[0].levels_pct.tolist()
     for k, (name, unit) in enumerate((("Size", "tip force [N]"), ("Direction", "turned by [deg]"))):
         courses = [d.magnitudes.tolist() if k == 0 else d.change_deg() for d in result.deficits]
@@ -87,8 +86,7 @@ def deficits_figure(result: ActivationResult) -> go.Figure:
         axes = sheet.panel(
             axis("activation left to the muscle [%]", range=[103.0, -3.0], tickvals=levels),
             axis(unit, range=[-0.02 * top, top], nticks=7),
-            left=k * (wide + _GAP),
-            wide=wide,
+            **sheet.grid(0, k, 2, sheet.high, (_GAP, 0)),
             heading=name,
             above=6,
         )

@@ -89,7 +89,6 @@ def size_figure(answer: Answer) -> go.Figure:
     across = min(_ACROSS, max(sum(k[1] == place for k in keys) for place in places))
     spots = _spots(keys, across)
     sheet = Sheet((1 + max(row for row, _ in spots)) * (_PANEL + _HEAD), _MARGINS, showlegend=True)
-    wide = (sheet.wide - _GAP * (across - 1)) / across
     shown = [c for c in found if (c.posture, c.location) in keys]
     top = 1.06 * max(v for c in shown for v in [*c.change_N, *(c.high_N or [])]) or 1.0
     heaviest = 1.04 * max(v for c in shown for v in c.load_g) or 1.0
@@ -102,10 +101,7 @@ def size_figure(answer: Answer) -> go.Figure:
         axes = sheet.panel(
             axis("load [g]" if lowest else "", range=[0.0, heaviest], nticks=5, showticklabels=lowest),
             axis("change [N]" if column == 0 else "", range=[0.0, top], nticks=5, showticklabels=column == 0),
-            left=column * (wide + _GAP),
-            top=row * (_PANEL + _HEAD) + _HEAD,
-            wide=wide,
-            high=_PANEL,
+            **sheet.grid(row, column, across, _PANEL, (_GAP, _HEAD), _HEAD),
             heading=", at the ".join(t for t in words if t),
             size=TEXT_PX - 1,
         )

@@ -83,15 +83,13 @@ def torque_figure(answer: Answer) -> go.Figure:
     reach = 1.12 * max(ends, default=0.0) or 1.0
     left = 40 + 7 * max([len(shortened(g.label, _LONGEST)) for g in groups] + [len(h) + 2 for h, _ in headings])
     sheet = Sheet(_ROW * count, (left, *_MARGINS), barmode="overlay", showlegend=True)
-    wide = (sheet.wide - _BETWEEN * (len(joints) - 1)) / len(joints)
     labels = [plain(shortened(g.label, _LONGEST)) for g in groups]
     named: set[str] = set()
     for index, joint in enumerate(joints):
         axes = sheet.panel(
             axis("missing torque [N mm]", range=[-reach, reach], nticks=6, **ZERO_LINE),
             named_axis(places, labels, (count - 0.4, -0.6), showticklabels=index == 0, showgrid=False, showline=False),
-            left=index * (wide + _BETWEEN),
-            wide=wide,
+            **sheet.grid(0, index, len(joints), sheet.high, (_BETWEEN, 0)),
             heading=plain(shortened(joint, 16)),
             above=0,
         )

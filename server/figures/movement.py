@@ -152,7 +152,6 @@ def _grid(result: MovementResult, panels: Sequence[Panel], *, title: str, subtit
     """Draw panels in two columns, one scale of time below them."""
     rows = -(-len(panels) // _COLUMNS)
     sheet = Sheet(rows * _HEIGHT + (rows - 1) * _GAP_Y, _MARGINS, showlegend=True)
-    wide = (sheet.wide - (_COLUMNS - 1) * _GAP_X) / _COLUMNS
     times = [float(result.times_s[0]), float(result.times_s[-1])]
     named: set[str] = set()
     for index, panel in enumerate(panels):
@@ -161,10 +160,7 @@ def _grid(result: MovementResult, panels: Sequence[Panel], *, title: str, subtit
         axes = sheet.panel(
             axis("time [s]" if index + _COLUMNS >= len(panels) else "", range=times, nticks=7),
             axis(panel.unit, range=span, nticks=5, **ZERO_LINE | {"zerolinecolor": MUTED}),
-            left=column * (wide + _GAP_X),
-            top=row * (_HEIGHT + _GAP_Y),
-            wide=wide,
-            high=_HEIGHT,
+            **sheet.grid(row, column, _COLUMNS, _HEIGHT, (_GAP_X, _GAP_Y)),
             heading=plain(panel.heading),
             above=3,
         )

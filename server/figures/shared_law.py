@@ -118,7 +118,6 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
     order = sorted(range(len(postures)), key=lambda i: [value(a) or 0.0 for a in postures[i].values()])
     rotations = "/".join(plain(r) for r in postures[0])
     sheet = Sheet(-(-len(parts) // _ACROSS) * (_PANEL + _HEAD), _MARGINS, showlegend=True)
-    wide = (sheet.wide - _GAP * (_ACROSS - 1)) / _ACROSS
     x = [names[i] for i in order]
     for k, found in enumerate(parts):
         row, column = divmod(k, _ACROSS)
@@ -129,10 +128,7 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
         axes = sheet.panel(
             axis(f"{rotations} [°]" if lowest else "", type="category", showticklabels=lowest),
             axis(_WHAT.get(str(curve.get("stage")), "") if column == 0 else "", zeroline=True, zerolinecolor=INK),
-            left=column * (wide + _GAP),
-            top=row * (_PANEL + _HEAD) + _HEAD,
-            wide=wide,
-            high=_PANEL,
+            **sheet.grid(row, column, _ACROSS, _PANEL, (_GAP, _HEAD), _HEAD),
             heading=f"{place}, {lost} nat",
             above=0,
         )

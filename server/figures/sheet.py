@@ -98,6 +98,22 @@ class Sheet:
             self.notes.append(note(f"<b>{heading}</b>", across[0], up[1], shift=(0, above), size=size))
         return names
 
+    def grid(
+        self, row: int, column: int, across: int, high: float, gaps: tuple[float, float], head: float = 0.0
+    ) -> dict[str, Any]:
+        """Return the place of a panel among others of its size.
+
+        Args:
+            row: from the top.
+            column: from the left.
+            across: number of columns.
+            high: of each panel [px].
+            gaps: between columns and between rows [px].
+            head: room above each panel [px].
+        """
+        wide = (self.wide - gaps[0] * (across - 1)) / across
+        return {"left": column * (wide + gaps[0]), "top": row * (high + gaps[1]) + head, "wide": wide, "high": high}
+
     def drawn(
         self,
         title: str,
