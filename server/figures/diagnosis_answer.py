@@ -113,6 +113,11 @@ def locations_in_order(names: Iterable[str]) -> list[str]:
     return sorted(present, key=lambda n: _LOCATIONS.index(n) if n in _LOCATIONS else len(_LOCATIONS))
 
 
+def mount_name(location: str) -> str:
+    """Write a mount for a heading; without one, cases of all."""
+    return f"Cell at the {location}" if location else "All cases"
+
+
 def plane_of(answer: Answer) -> Literal["sagittal", "space"]:
     """Return the plane in which errors are drawn: that in which the finger is judged, else space."""
     return "sagittal" if answer.get("judged_in") == "sagittal" else "space"

@@ -14,6 +14,7 @@ from server.figures.diagnosis_answer import (
     after_which_fit,
     in_tendon_order,
     locations_in_order,
+    mount_name,
     muscles_of,
     plane_of,
     rows,
@@ -85,7 +86,7 @@ def residual_map(answer: Answer) -> go.Figure:
             named_axis(range(len(muscles)), down, (len(muscles) - 0.5, -0.5), showticklabels=index == 0, **_FRAME),
             left=index * (width + _BETWEEN),
             wide=width,
-            heading=plain(shortened(_mount(location), 40)),
+            heading=plain(shortened(mount_name(location), 40)),
         )
         sheet.data.append(_panel(cells, location, muscles, postures, axes, last=index == len(locations) - 1))
     return sheet.drawn(f"Where the model fails, {plain(after_which_fit(answer))}", _subtitle(cells, plane_of(answer)))
@@ -154,10 +155,6 @@ def _subtitle(cells: dict[tuple[str, str, str], Cell], plane: Plane) -> str:
     noise = number(math.sqrt(PLANES[plane]), 1)
     what = f"Norm of the residual in standard uncertainties, z, root mean square over cases (noise alone: {noise})."
     return f"{what}<br>{found}. Empty: not tested."
-
-
-def _mount(location: str) -> str:
-    return f"Cell at the {location}" if location else "All cases"
 
 
 def _name(posture: str) -> str:

@@ -12,6 +12,7 @@ from server.figures.diagnosis_answer import (
     Answer,
     effect_name,
     locations_in_order,
+    mount_name,
     part,
     shortened,
     signed,
@@ -91,7 +92,7 @@ def revisions_figure(answer: Answer, history: Sequence[Mapping[str, Any]] | None
             axis("RMSE [N]", range=[0.0, 1.2 * max((v for v in own if v is not None), default=0.0) or 1.0], nticks=5),
             top=index * (_PANEL + _BETWEEN),
             high=_PANEL,
-            heading=plain(shortened(f"Cell at the {location}" if location else "All cases", 40)),
+            heading=plain(shortened(mount_name(location), 40)),
             above=6,
         )
         for role in roles:

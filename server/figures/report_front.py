@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 
 from daq.quoting import quoted
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
-from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, value, with_sd, words
+from fingermodel.parameters import with_unit
+from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, text, value, with_sd, words
 from server.figures.plot import Plot
 from server.figures.report import Section, Table
 from server.figures.style import fixed
@@ -38,7 +39,8 @@ def to_do(answer: Answer) -> list[str]:
     from fingermodel.effects.catalogue import remedy
 
     verdict, session = str(answer.get("verdict")), str(answer.get("session") or "SESSION")
-    out = [f"Put the session right first: {f.get('words')}." for f in rows(answer, "session_faults") if _likely(f)]
+    faults = [f for f in rows(answer, "session_faults") if (value(f.get("probability")) or 0.0) >= 0.5]
+    out = [f"Put the session right first: {fault.get('words')}." for fault in faults]
     for suspect in rows(answer, "suspects"):
         like = next((str(r.get("words")) for r in rows(suspect, "reads_like") if r.get("words")), "")
         look = f"it reads like this: {like}. Amend it" if like else "nothing known explains it. Read its notes"
@@ -69,17 +71,12 @@ def to_do(answer: Answer) -> list[str]:
     return out or ["Nothing: no measurement and no change of the model is asked for."]
 
 
-def _likely(row: Answer) -> bool:
-    return (value(row.get("probability")) or 0.0) >= 0.5
-
-
 def _values(answer: Answer) -> str:
     told = []
     for row in named_rows(answer):
         for parameter in rows(row, "parameters")[:3]:
             found, sd = with_sd(parameter.get("value"), parameter.get("sd"))
-            unit = str(parameter.get("unit") or "1")
-            told.append(f"{parameter.get('name')} = {found} ± {sd}{'' if unit == '1' else f' {unit}'}")
+            told.append(with_unit(f"{parameter.get('name')} = {found} ± {sd}", text(parameter, "unit", "1")))
     return ", ".join(told)
 
 

@@ -98,16 +98,13 @@ def species_figure(result: SpeciesResult) -> go.Figure:
         sheet.notes += [w | {"text": f"{w['text']} per N"} if w["text"].endswith(" N") else w for w in words]
     _draw_bars(_bars(result), sheet)
     sheet.data += _keys(sides, result)
+    first = plain(result.of.label)
     angles = "the same angles" if same else "each with its own angles"
     return sheet.drawn(
-        f"{_capital(plain(result.of.label))} and {plain(result.other.label)}",
+        f"{first[:1].upper()}{first[1:]} and {plain(result.other.label)}",
         f"{named(posture)}, {angles}, to one scale. {plain(result.main)}: tip force per tension, sagittal plane.",
         legend_px=50,
     )
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _posture(result: SpeciesResult) -> tuple[str, bool]:
