@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from daq.cells import CellSpec
 from daq.findings import Finding, finding
+from daq.recordings.gaps import GAP_INTERVALS, Gap, GapFinder
 from daq.recordings.readings import HEADERS, ReadingBlock
 
 Floats = NDArray[np.float64]
 
 AXES = HEADERS[1:]
 FULL_SCALE_SHARE = 0.999
-# An interval of twice the usual one has lost a reading; jitter of the clock stays below.
-GAP_INTERVALS = 1.8
 JUMP_S = 10.0
+# Of the intervals, so many may be wide without a reading missing before the clock is called irregular.
+MOST_LATE = 0.05
 RATE_TOLERANCE = 0.02
 _MOST_KEPT = 10000
 
@@ -37,9 +38,10 @@ class RecordingScan:
     first_s: float = np.nan
     last_s: float = np.nan
     interval_s: float = np.nan
-    gaps: list[tuple[float, float]] = field(default_factory=list)
+    gaps: list[Gap] = field(default_factory=list)
     gap_count: int = 0
-    lost: float = 0.0
+    lost: int = 0
+    late: int = 0
     least: Floats = field(default_factory=lambda: np.full(6, np.inf))
     most: Floats = field(default_factory=lambda: np.full(6, -np.inf))
     saturated: Floats = field(default_factory=lambda: np.zeros(6))
@@ -52,22 +54,23 @@ class RecordingScan:
     flagged: int = 0
     flagged_first_s: float = np.nan
     _last: Floats | None = None
+    _finder: GapFinder = field(default_factory=GapFinder)
 
     def watch(self, blocks: Iterator[ReadingBlock]) -> Iterator[ReadingBlock]:
         """Pass blocks on, looking at each."""
-        for block in blocks:
-            if len(block):
-                self._add(block)
-            yield block
+        try:
+            for block in blocks:
+                if len(block):
+                    self._add(block)
+                yield block
+        finally:
+            self._note(self._finder.finish())
 
     def _add(self, block: ReadingBlock) -> None:
         t, w = block.t_s, block.wrench
         if self.rows == 0:
             self.first_s = float(t[0])
-        intervals = np.diff(t) if self.rows == 0 else np.diff(t, prepend=self.last_s)
-        if np.isnan(self.interval_s) and len(intervals):
-            self.interval_s = float(np.median(intervals))
-        self._gaps(t, intervals)
+        self._note(self._finder.take(t))
         self.least = np.minimum(self.least, w.min(axis=0))
         self.most = np.maximum(self.most, w.max(axis=0))
         if self.range is not None:
@@ -87,15 +90,13 @@ class RecordingScan:
         self.last_s = float(t[-1])
         self._last = w[-1].copy()
 
-    def _gaps(self, t: Floats, intervals: Floats) -> None:
-        if not self.interval_s > 0.0:
-            return
-        wide = np.flatnonzero(intervals > GAP_INTERVALS * self.interval_s)
-        self.gap_count += len(wide)
-        self.lost += float((intervals[wide] / self.interval_s - 1.0).sum())
-        ends = t[len(t) - len(intervals) :][wide]
-        room = _MOST_KEPT - len(self.gaps)
-        self.gaps += [(float(e - i), float(e)) for e, i in zip(ends[:room], intervals[wide][:room], strict=True)]
+    def _note(self, gaps: list[Gap]) -> None:
+        if np.isnan(self.interval_s):
+            self.interval_s = self._finder.interval_s
+        self.late = self._finder.late
+        self.gap_count += len(gaps)
+        self.lost += sum(g.lost for g in gaps)
+        self.gaps += gaps[: _MOST_KEPT - len(self.gaps)]
 
     def _runs(self, t: Floats, w: Floats) -> None:
         """Follow how long each channel has kept one value."""
@@ -127,7 +128,7 @@ class RecordingScan:
             "end_s": self.last_s,
             "rate_hz": 1.0 / self.interval_s if self.interval_s > 0.0 else None,
             "gaps": self.gap_count,
-            "lost_readings": round(self.lost),
+            "lost_readings": self.lost,
             "least_N_Nmm": self.least.tolist(),
             "greatest_N_Nmm": self.most.tolist(),
             "flagged_readings": self.flagged,
@@ -202,27 +203,30 @@ def _clock(scan: RecordingScan, file: str, rate_hz: float | None) -> list[Findin
                 "Correct the one that is wrong: a wrong clock scales creep and drift",
             )
         )
-    jumps = [g for g in scan.gaps if g[1] - g[0] > JUMP_S]
+    jumps = [g for g in scan.gaps if g.end_s - g.start_s > JUMP_S]
     gaps = scan.gap_count - len(jumps)
-    if gaps > 0.05 * scan.rows:
+    if scan.late > MOST_LATE * scan.rows:
         out.append(
             finding(
                 "warning",
                 "irregular_clock",
                 file,
-                f"{gaps} of {scan.rows} intervals exceed {GAP_INTERVALS:g} times the usual {scan.interval_s:.4g} s",
+                f"{scan.late} of {scan.rows} intervals exceed {GAP_INTERVALS:g} times the usual "
+                f"{scan.interval_s:.4g} s, without a reading missing",
                 "readings at a steady rate",
                 "Were they stamped on arrival? Stamp them by the cell's counter",
             )
         )
-    elif gaps > 0:
-        start, end = max((g for g in scan.gaps if g not in jumps), key=lambda g: g[1] - g[0])
+    if gaps > 0:
+        longest = max((g for g in scan.gaps if g not in jumps), key=lambda g: g.end_s - g.start_s)
+        lost = scan.lost - sum(g.lost for g in jumps)
         out.append(
             finding(
                 "warning",
                 "gaps",
                 file,
-                f"{gaps} gaps, about {round(scan.lost)} readings lost, the longest from {start:.6g} to {end:.6g} s",
+                f"{gaps} {'gap' if gaps == 1 else 'gaps'}, about {lost} readings lost, "
+                f"the longest from {longest.start_s:.6g} to {longest.end_s:.6g} s",
                 f"a reading every {scan.interval_s:.4g} s",
                 "Look for a full buffer or a loose cable",
             )
@@ -236,7 +240,7 @@ def _clock(scan: RecordingScan, file: str, rate_hz: float | None) -> list[Findin
             f"a reading every {scan.interval_s:.4g} s",
             "Was the recording paused, or the clock set? Tare again after a pause",
         )
-        for start, end in jumps[:5]
+        for start, end, _ in jumps[:5]
     ]
     return out
 
