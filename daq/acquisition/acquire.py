@@ -10,6 +10,7 @@ import contextlib
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -23,6 +24,7 @@ from daq.acquisition.sample_clock import LOST_S, SampleClock
 from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples, steps_from
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
+from daq.recordings.gaps import Gap, GapFinder
 
 CHUNK_S = 0.1
 # Longer silence is one; then a new connection is tried.
@@ -33,6 +35,8 @@ BACK_OFF_S = (0.25, 0.5, 1.0, 2.0, 5.0)
 WAITING = 300
 READ_S = 0.05
 REST_S, REST_READS = 0.01, 3
+# So many gaps and connections are remembered until the times of readings tell of them.
+REMEMBERED = 1000
 # Bytes that make no sample for so long are kept as they are; that they make none is said then, and so often.
 UNDECODED_S, SAID_AGAIN_S = 0.5, 10.0
 
@@ -85,6 +89,11 @@ class Acquisition:
         self._said_undecoded_s = -SAID_AGAIN_S
         self._overloaded = False
         self._last_sequence: int | None = None
+        # Gaps by the times of readings. Where a device counts they are told of the first reading of a connection alone.
+        self._finder = GapFinder()
+        self._counts = False
+        self._joined_s: deque[float] = deque(maxlen=REMEMBERED)
+        self._told_s: deque[float] = deque(maxlen=REMEMBERED)
 
     def go_on_from(self, first_seq: int, last_s: float, from_s: float) -> None:
         """Number samples and tell time as of a stream that broke off; before `start`.
@@ -96,6 +105,7 @@ class Acquisition:
         """
         self._next_seq, self._from_s = first_seq, from_s
         self._clock = SampleClock(self.cell.rate_hz, last_s, self.cell.held_back)
+        self._finder.take(np.array([last_s]))
 
     def start(self) -> None:
         """Connect, make the device stream, and read on in the background.
@@ -171,7 +181,8 @@ class Acquisition:
                     with contextlib.suppress(LinkLostError, DriverError):
                         self.cell.stop(transport)
                     transport.close()
-                self._hand_on(None, [self._event("ended", samples=self._next_seq)])
+                ended = self._event("ended", samples=self._next_seq)
+                self._hand_on(None, [*self._missed(self._finder.finish()), ended])
             finally:
                 self._done.set()
 
@@ -240,7 +251,7 @@ class Acquisition:
             times = decoded.device_s + self._from_s
         else:
             times = self._clock.times(decoded, now, len(data))
-        gathered.events += self._gaps(decoded, times)
+        gathered.events += self._counted(decoded, times)
         if self.live is not None:
             self.live(times, decoded)
         gathered.samples.append(decoded)
@@ -256,16 +267,19 @@ class Acquisition:
             gathered.events.append(StreamEvent("overload_ended", float(times[-1]), self._wall()))
             self._overloaded = False
 
-    def _gaps(self, decoded: Samples, times: NDArray[np.float64]) -> list[StreamEvent]:
-        """Find missing samples by the device's own count, or by its clock and the arrivals."""
+    def _counted(self, decoded: Samples, times: NDArray[np.float64]) -> list[StreamEvent]:
+        """Find missing samples by the device's own count, and where that count or the device's clock began anew."""
         clock = self._clock
         told: list[tuple[float, dict[str, Any]]] = [
-            (float(times[at]), {"lost_s": round(lost_s, 4), "counted": False, "restarted": at in clock.restarted})
+            (float(times[at]), {"lost_s": round(lost_s, 4), "counted": False, "restarted": True})
             for at, lost_s in clock.breaks
+            if at in clock.restarted
         ]
-        if clock.jumped_s:
-            told.append((float(times[-1]), {"lost_s": round(clock.jumped_s, 4), "counted": False}))
+        self._told_s.extend(at_s for at_s, _ in told)
         if decoded.sequence is not None:
+            if self._last_sequence is None:
+                self._counts = True
+                self._joined_s.append(float(times[0]))
             before = decoded.sequence[0] - 1 if self._last_sequence is None else self._last_sequence
             missing = steps_from(before, decoded.sequence) - 1
             if clock.restarted:
@@ -274,6 +288,17 @@ class Acquisition:
             told += [(float(times[at]), {"lost_samples": int(missing[at]), "counted": True})
                      for at in np.flatnonzero(missing > 0)]  # fmt: skip
         return [StreamEvent("gap", at_s, self._wall(), value) for at_s, value in told]
+
+    def _missed(self, gaps: list[Gap]) -> list[StreamEvent]:
+        """Return events of gaps by the times of readings, as `check` finds them, where the device tells nothing."""
+        untold = [g for g in gaps if (g.end_s in self._joined_s if self._counts else g.end_s not in self._told_s)]
+        return [
+            StreamEvent("gap", g.end_s, self._wall(), {
+                "lost_s": round(g.end_s - g.start_s - self._finder.interval_s, 4),
+                "lost_samples": g.lost, "counted": False, "restarted": False,
+            })
+            for g in untold
+        ]  # fmt: skip
 
     def _say(self, gathered: Gathered) -> None:
         """Hand on what happened, before there is a sample to hand on with it."""
@@ -299,9 +324,11 @@ class Acquisition:
             if warn and self._now() - self._said_undecoded_s >= SAID_AGAIN_S:
                 events.append(self._event("undecoded", bytes=len(raw), looks=looks_like(raw)))
                 self._said_undecoded_s = self._now()
+        times = np.concatenate(gathered.times)
+        events += self._missed(self._finder.take(times))
         chunk = Chunk(
             self._next_seq,
-            np.concatenate(gathered.times),
+            times,
             np.concatenate([p.wrench for p in parts]),
             np.concatenate([p.status for p in parts]),
             np.concatenate([p.overload for p in parts]),

@@ -16,15 +16,16 @@ Floats = NDArray[np.float64]
 GAP_INTERVALS = 1.8
 # A reading is missing where at least this share of an interval is not made up for.
 MISSING = 0.7
-# So many readings on each side tell how much time is missing; late ones follow each other faster than usual.
-AROUND = 24
-# So few are enough where they are evenly spaced.
+# So many readings on each side, and of so long, tell how much time is missing: a busy machine delays them by less.
+AROUND, AROUND_S = 24, 0.25
+# So few are enough where all are evenly spaced.
 NEAR = 4
+# Late ones follow each other faster than usual: in less than this share of the usual time.
 CATCHING_UP = 0.5
-# So many readings tell the usual interval.
-LEARNT_FROM, ENOUGH = 1000, 20
-# It is the median where this share of intervals is as long within this tolerance; else the mean over so many readings.
-EVEN_SHARE, EVEN, SPAN, MOST_SPAN = 0.6, 0.1, 100, 1.25
+# So many readings tell the usual interval; a recording of fewer than these is not judged.
+LEARNT_FROM, ENOUGH, FEW = 1000, 20, 5
+# It is the median where this share of intervals are multiples of it within this tolerance; else the mean over so many.
+EVEN_SHARE, EVEN, SPAN, SPAN_OFF = 0.75, 0.1, 100, 0.25
 
 
 class Gap(NamedTuple):
@@ -63,26 +64,24 @@ class GapFinder:
 
     def _judge(self, *, ended: bool) -> list[Gap]:
         t, out = self._held, list[Gap]()
-        if len(t) < 2:
+        if len(t) < FEW:
             return out
         steps = np.diff(t)
-        self.interval_s = _usual(t, steps)
+        self.interval_s, evenly = _usual(t, steps)
         upto = len(t)
         if self.interval_s > 0.0:
+            around = max(AROUND, int(AROUND_S / self.interval_s))
             even = np.abs(steps - self.interval_s) <= EVEN * self.interval_s
             # By how much each reading comes later than after as many usual intervals.
             late_s = t - self.interval_s * np.arange(len(t))
             wide = np.flatnonzero(steps[self._judged - 1 :] > GAP_INTERVALS * self.interval_s) + self._judged
             for i in wide.tolist():
-                if (
-                    i + NEAR < len(t)
-                    and even[max(i - 1 - NEAR, self._since) : i - 1].all()
-                    and even[i : i + NEAR].all()
-                ):
+                near = (*even[max(i - 1 - NEAR, self._since) : i - 1], *even[i : i + NEAR])
+                if evenly and i + NEAR < len(t) and all(near):
                     # Even times need no others; a pace that is a little off would count with more of them.
                     missing_s = steps[i - 1] - self.interval_s
-                elif (after_s := self._after(late_s, i, ended=ended)) is not None:
-                    missing_s = after_s - late_s[max(i - AROUND, self._since) : i].min()
+                elif (after_s := self._after(late_s, i, around, ended=ended)) is not None:
+                    missing_s = after_s - late_s[max(i - around, self._since) : i].min()
                 else:
                     upto = i
                     break
@@ -92,31 +91,40 @@ class GapFinder:
                     self._since = i
                 else:
                     self.late += 1
-        dropped = max(min(upto - AROUND - 1, len(t) - LEARNT_FROM), 0)
+            dropped = min(upto - around - 1, len(t) - LEARNT_FROM)
+        else:
+            dropped = len(t) - LEARNT_FROM
+        dropped = max(dropped, 0)
         self._held, self._judged, self._since = t[dropped:], upto - dropped, max(self._since - dropped, 0)
         return out
 
-    def _after(self, late_s: Floats, i: int, *, ended: bool) -> float | None:
+    def _after(self, late_s: Floats, i: int, around: int, *, ended: bool) -> float | None:
         """Return how late the readings from i on are at least [s], once they come at the usual pace; else None."""
-        at, last = i, len(late_s) - 1
-        while at + AROUND <= last:
-            end = at + AROUND
-            if late_s[at] - late_s[end] <= CATCHING_UP * AROUND * self.interval_s:
+        at, last, slow_s = i, len(late_s) - 1, CATCHING_UP * self.interval_s
+        while at + around <= last:
+            end = at + around
+            if late_s[at] - late_s[end] <= around * slow_s:
                 return float(late_s[i : end + 1].min())
             at = end
         if not ended:
             return None
         # Readings that were still catching up when the recording ended tell of nothing that is missing.
-        still = late_s[at] - late_s[last] > CATCHING_UP * (last - at) * self.interval_s
+        still = late_s[at] - late_s[last] > (last - at) * slow_s
         return -np.inf if still else float(late_s[i:].min())
 
 
-def _usual(t_s: Floats, steps: Floats) -> float:
-    """Return the usual interval of times (n,) with n - 1 steps between them [s]."""
+def _usual(t_s: Floats, steps: Floats) -> tuple[float, bool]:
+    """Return the usual interval [s] of times (n,) with n - 1 steps between them, and whether they are even."""
+    middle = float(np.median(steps))
+    if len(t_s) < ENOUGH:
+        return middle, True
     count = min(SPAN, len(t_s) // 2)
-    middle, spans = float(np.median(steps)), t_s[count:] - t_s[:-count]
-    # Spans that hold a long gap tell nothing of the pace.
-    mean = float(spans[spans <= MOST_SPAN * np.median(spans)].mean()) / count
-    # Within a burst of late readings all intervals are alike too, and far shorter than the mean.
-    even = np.count_nonzero(np.abs(steps - middle) <= EVEN * middle) >= EVEN_SHARE * len(steps) and mean < 2.0 * middle
-    return middle if even else mean
+    spans = t_s[count:] - t_s[:-count]
+    # Spans that hold a long gap, or many readings that came late together, tell nothing of the pace.
+    usual = np.quantile(spans, 0.5, method="lower")
+    mean = float(spans[np.abs(spans - usual) <= SPAN_OFF * usual].mean()) / count
+    # Even times are multiples of one interval. Within a burst of late readings they are too, far shorter than the mean.
+    multiples = np.maximum(np.rint(steps / middle), 1.0) if middle > 0.0 else np.inf
+    alike = np.count_nonzero(np.abs(steps - multiples * middle) <= EVEN * middle)
+    even = bool(alike >= EVEN_SHARE * len(steps) and mean < 2.0 * middle)
+    return (middle, True) if even else (mean, False)

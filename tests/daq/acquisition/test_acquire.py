@@ -13,9 +13,11 @@ import pytest
 
 from daq.acquisition.acquire import Acquisition
 from daq.acquisition.records import Record
+from daq.checks.recording import RecordingScan
 from daq.drivers.base import LoadCell, Samples, Transport, samples
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
+from daq.recordings.readings import ReadingBlock
 
 
 class Counting(LoadCell):
@@ -140,6 +142,31 @@ def test_what_the_device_counted_and_did_not_arrive_is_a_gap() -> None:
     assert [g.value for g in gaps] == [{"lost_samples": 6, "counted": True}]
 
 
+def test_gaps_are_those_that_a_check_of_the_readings_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Counting, "clock", "recording")
+    monkeypatch.setattr(CountingDecoder, "feed", lambda _, data: recorded(data))
+    counts = [k for k in range(1, 100) if k not in (30, 50, 51)]
+    links: list[Portions | DriverError] = [
+        Portions([*(bytes(counts[a : a + 3]) for a in range(0, len(counts), 3)), None]),
+        Portions([bytes([k]) for k in range(120, 127)]),
+    ]
+    records, _ = taken(links)
+    scan = RecordingScan()
+    chunks = [r.chunk for r in records if r.chunk is not None and len(r.chunk)]
+    for _ in scan.watch(ReadingBlock(c.t_s, c.wrench) for c in chunks):
+        pass
+    gaps = [e for r in records for e in r.events if e.kind == "gap"]
+    assert scan.gap_count == len(gaps) == 3
+    assert [g.end_s for g in scan.gaps] == pytest.approx([e.at_s for e in gaps])
+    assert [g.lost for g in scan.gaps] == [e.value["lost_samples"] for e in gaps]
+
+
+def recorded(data: bytes) -> Samples:
+    """Tell the time of each reading too, as a recording does: 10 ms for each that is counted."""
+    values = np.frombuffer(data, np.uint8).astype(np.int64)
+    return samples(np.tile(values[:, None] / 10.0, (1, 6)), sequence=values, device_s=values / 100.0)
+
+
 def test_an_overload_is_told_when_it_begins_and_ends() -> None:
     records, _ = taken([Portions([bytes([1, 2]), bytes([3 | 128, 4 | 128]), bytes([5 | 128, 6]), bytes([7])])])
     assert kinds(records) == ["started", "overload", "overload_ended", "ended"]
@@ -152,10 +179,14 @@ def test_a_pulled_cable_is_told_and_comes_back() -> None:
         Portions([bytes([0, 1])]),
     ]
     records, cell = taken(links)
-    assert kinds(records) == ["started", "disconnected", "reconnected", "ended"]
+    assert kinds(records) == ["started", "disconnected", "reconnected", "gap", "ended"]
     back = next(e for r in records for e in r.events if e.kind == "reconnected")
     assert back.value["tries"] == 2
     assert back.value["away_s"] > 0.7
+    [gap] = [e for r in records for e in r.events if e.kind == "gap"]
+    assert gap.value["lost_s"] == pytest.approx(back.value["away_s"], abs=0.1)
+    assert gap.value["lost_samples"] == pytest.approx(1000.0 * gap.value["lost_s"], rel=0.1)
+    assert gap.at_s == next(r.chunk for r in records if r.chunk is not None and r.chunk.first_seq == 3).t_s[0]
     assert len(numbered(records)) == 5
     assert (cell.started, cell.stopped) == (2, 1)
 

@@ -89,6 +89,22 @@ def test_times_that_are_rounded_hide_no_rate_and_make_no_gap() -> None:
     assert finder.interval_s == pytest.approx(0.0025, rel=0.001)
 
 
+def test_arrivals_in_steps_of_a_timer_hide_no_rate_and_no_gap() -> None:
+    """Most intervals are then shorter than the mean, and alike."""
+    ticks = np.ceil(even() / 0.0042) * 0.0042
+    for portion in (10, 100_000):
+        found, finder = gaps_of(np.delete(ticks, LOST), portion)
+        assert sum(g.lost for g in found) == len(LOST)
+        assert finder.interval_s == pytest.approx(0.01, rel=0.005)
+
+
+def test_a_third_of_all_readings_lost_at_random_is_told() -> None:
+    kept = even()[np.random.default_rng(0).uniform(size=3999) > 1.0 / 3.0]
+    found, finder = gaps_of(kept)
+    assert finder.interval_s == pytest.approx(0.01, rel=1e-6)
+    assert sum(g.lost for g in found) == round((kept[-1] - kept[0]) * 100.0) + 1 - len(kept)
+
+
 @pytest.mark.parametrize("rate_hz", [98.5, 101.5])
 def test_a_clock_that_runs_off_hides_no_gap(rate_hz: float) -> None:
     t_s = np.concatenate([even(1000), 12.99 + np.arange(1, 1000) / rate_hz])
@@ -99,3 +115,4 @@ def test_a_clock_that_runs_off_hides_no_gap(rate_hz: float) -> None:
 def test_few_readings_or_equal_times_are_judged_without_a_fault() -> None:
     assert gaps_of(np.zeros(0))[0] == gaps_of(np.zeros(1))[0] == gaps_of(np.zeros(50))[0] == []
     assert gaps_of(np.array([0.0, 1.0, 2.0, 3.0, 7.0]), 1)[0] == [Gap(3.0, 7.0, 3)]
+    assert gaps_of(np.array([0.0, 1.0, 2.0, 9.0, 10.0]), 2)[0] == [Gap(2.0, 9.0, 6)]
