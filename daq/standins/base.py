@@ -25,18 +25,20 @@ class StandIn(ABC):
     Attributes:
         name: the driver's.
         datagrams: whether it writes datagrams instead of a stream of bytes.
+        unasked: whether it streams from when it is switched on.
         settings: given to the driver that is to understand it, as long as it is set up no further.
         driver_settings: given to the driver that is to understand it as it is set up now.
-        streaming: whether it has been told to stream, or always does.
+        streaming: whether it does now.
         per_datagram: records in each datagram, where it writes datagrams.
     """
 
     name: ClassVar[str]
     datagrams: ClassVar[bool] = False
+    unasked: ClassVar[bool] = False
     settings: ClassVar[dict[str, float | int | str]] = {}
 
     def __init__(self) -> None:
-        self.streaming = False
+        self.streaming = self.unasked
         self.per_datagram = 1
         self.driver_settings: dict[str, float | int | str] = dict(self.settings)
 

@@ -25,11 +25,11 @@ class GaugeLinesStandIn(StandIn):
     """
 
     name = "gauge-volts"
+    unasked = True
     settings: ClassVar[dict[str, float | int | str]] = {CALIBRATION.name: str(data_dir() / MADE_UP)}
 
     def __init__(self) -> None:
         super().__init__()
-        self.streaming = True
         self.set_up({})
 
     def set_up(self, given: Mapping[str, Any]) -> None:

@@ -16,15 +16,12 @@ class OptoForceStandIn(StandIn):
     """Streams from when it is switched on, and hears nothing."""
 
     name = "optoforce"
+    unasked = True
     settings: ClassVar[dict[str, float | int | str]] = {
         "counts_per_N": COUNTS_PER_N,
         "counts_per_Nmm": COUNTS_PER_NMM,
         "rate_hz": "1000",
     }
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.streaming = True
 
     def hear(self, data: bytes) -> bytes:
         """Say nothing."""

@@ -107,7 +107,7 @@ class Player:
         if self._out_until_s is not None:
             if now >= self._out_until_s:
                 self._wire.plug_in()
-                self._device.streaming, self._out_until_s = False, None
+                self._device.streaming, self._out_until_s = self._device.unasked, None
         elif every and now // every > self._last_s // every:
             self._wire.pull()
             self._out_until_s = now + self._faults.pulled_for_s

@@ -13,11 +13,8 @@ class TextLinesStandIn(StandIn):
     """Streams from when it is switched on, without a header, and hears nothing."""
 
     name = "text-lines"
+    unasked = True
     settings: ClassVar[dict[str, float | int | str]] = {"columns": ",".join(HEADERS)}
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.streaming = True
 
     def hear(self, data: bytes) -> bytes:
         """Say nothing."""

@@ -18,6 +18,7 @@ from daq.acquisition.transports import connect
 from daq.drivers.robotiq import Robotiq
 from daq.errors import DriverError
 from daq.recordings.readings import ReadingBlock
+from daq.standins import stand_in
 from daq.standins.faults import Faults
 from daq.standins.robotiq import RobotiqStandIn
 from daq.standins.run import Player, resampled
@@ -114,6 +115,41 @@ def test_a_pulled_cable_comes_back(tmp_path: Path) -> None:
         got = np.rint(numbers(records))
         assert (np.diff(got) >= 1).all(), name
         assert len(got) > 60, name
+
+
+class Kept:
+    """A wire that keeps what is sent, and for which a pulled cable is nothing."""
+
+    address = "nowhere"
+
+    def __init__(self) -> None:
+        self.data = b""
+
+    def receive(self) -> bytes:
+        return b""
+
+    def send(self, records: list[bytes]) -> None:
+        self.data += b"".join(records)
+
+    def pull(self) -> None: ...
+
+    def plug_in(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize("name", ["gauge-volts", "optoforce", "robotiq-ft300", "text-lines"])
+def test_after_a_pulled_cable_a_device_streams_as_when_it_was_switched_on(name: str) -> None:
+    device, wire, now = stand_in(name)(), Kept(), [0.0]
+    at_first = device.streaming
+    player = Player(device, wire, [played(5.0)], Faults(pulled_every_s=1.0, pulled_for_s=0.5), clock=lambda: now[0])
+    sent = []
+    for tick in range(20):
+        now[0] = 0.1 * tick
+        player.turn()
+        sent.append(len(wire.data))
+    assert sent[10] == sent[14]
+    assert (sent[19] > sent[15] > sent[14]) == at_first == device.streaming
 
 
 def test_the_wrong_baud_rate_is_said() -> None:
