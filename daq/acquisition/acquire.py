@@ -89,7 +89,8 @@ class Acquisition:
         self._said_undecoded_s = -SAID_AGAIN_S
         self._overloaded = False
         self._last_sequence: int | None = None
-        # Gaps by the times of readings. Where a device counts they are told of the first reading of a connection alone.
+        # Gaps by the times of readings. Where a device counts, they are told only of the first reading of a connection,
+        # and where time was set forward.
         self._finder = GapFinder()
         self._counts = False
         self._joined_s: deque[float] = deque(maxlen=REMEMBERED)
@@ -276,6 +277,8 @@ class Acquisition:
             if at in clock.restarted
         ]
         self._told_s.extend(at_s for at_s, _ in told)
+        if clock.jumped_s:  # which no count tells: the device is slower than its stated rate
+            self._joined_s.append(float(times[0]))
         if decoded.sequence is not None:
             if self._last_sequence is None:
                 self._counts = True

@@ -24,7 +24,7 @@ class StreamMeter:
         full_scale: (6,) of the cell [N, N mm], None where it is not known.
 
     Attributes:
-        samples: so far; gaps: how many; lost: samples that the device counted and nobody got.
+        samples: so far; gaps: how many; lost: samples that nobody got, by the device's count or by the others' times.
         overloads: how often the cell was beyond its range; damaged: records or bytes that were refused.
         state: streaming, silent, not understood, lost or ended; why: of the last change.
         alarm: what is wrong with the journal; empty where nothing is.

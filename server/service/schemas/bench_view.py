@@ -64,7 +64,7 @@ class StreamShown(Shown):
     why: str
     since_s: float | None = Field(description="Time of the stream when that began [s].")
     gaps: int
-    lost_samples: int = Field(description="Readings that the cell counted and nobody got.")
+    lost_samples: int = Field(description="Readings that nobody got, by the cell's count or by their times.")
     overloads: int = Field(description="How often the load was beyond the cell's range.")
     damaged: int = Field(description="Records that made no sense.")
     overloaded: bool = Field(description="Whether the load is beyond the cell's range now.")
