@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -76,6 +77,14 @@ def is_special(path: Path) -> bool:
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
+def _is_printed_to(path: Path) -> bool:
+    """Return whether standard output goes to a file at this path, as `/dev/stdout` leads to it after `> FILE`."""
+    try:
+        return path.is_file() and os.path.samestat(path.stat(), os.fstat(sys.stdout.fileno()))
+    except (AttributeError, OSError, ValueError):  # there is no standard output, or it is no file of the system's
+        return False
+
+
 def _linked(path: Path) -> Path:
     """Return the path that a symbolic link leads to, so that the link stays; any other path as it is."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
@@ -85,7 +94,8 @@ def _linked(path: Path) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; rename it to `path` when the block ends well, else remove it.
 
-    Of a symbolic link, the file that it leads to is replaced. A device or a named pipe stays, and is written to.
+    Of a symbolic link, the file that it leads to is replaced. A device or a named pipe stays, and is written to. So is
+    the file that standard output goes to, after what was printed.
 
     Args:
         path: the file to write; its folder is made where it is absent.
@@ -97,13 +107,20 @@ def replacing(path: Path) -> Iterator[Path]:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     # The ending stays last: writers choose their format by it.
     name = f".{uuid4().hex[:12]}.{path.name}"
-    if is_special(path):
+    printed = _is_printed_to(path)
+    if printed or is_special(path):
         # Written whole elsewhere first: some writers go back in their file.
         with TemporaryDirectory() as folder:
             temporary = Path(folder, name)
             yield temporary
-            with temporary.open("rb") as whole, path.open("wb") as target:
-                shutil.copyfileobj(whole, target)
+            with temporary.open("rb") as whole:
+                if printed:
+                    sys.stdout.flush()
+                    shutil.copyfileobj(whole, sys.stdout.buffer)
+                    sys.stdout.flush()
+                else:
+                    with path.open("wb") as target:
+                        shutil.copyfileobj(whole, target)
         return
     path = _linked(path)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -194,6 +194,21 @@ def test_an_answer_goes_through_a_named_pipe(tmp_path: Path, arguments: list[str
     assert [p.name for p in tmp_path.iterdir()] == ["pipe"]
 
 
+@pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="this system has no name for standard output")
+@pytest.mark.parametrize("name", ["/dev/stdout", "printed"])
+def test_an_answer_that_goes_to_the_file_of_standard_output_leaves_what_is_printed(tmp_path: Path, name: str) -> None:
+    command = [sys.executable, "-m", "server", "check", str(H01), "--json", name]
+    with (tmp_path / "printed").open("wb") as printed:
+        printed.write(b"before\n")
+        printed.flush()
+        subprocess.run(command, stdout=printed, cwd=tmp_path, check=True, timeout=120)  # noqa: S603
+    text = (tmp_path / "printed").read_text(encoding="utf-8")
+    assert text.startswith("before\n")
+    assert '"fingertwin/check/1"' in text
+    assert "H01: usable" in text
+    assert [p.name for p in tmp_path.iterdir()] == ["printed"]
+
+
 @pytest.mark.parametrize("arguments", [["compare", H01], ["friction", H01], ["check", H01]])
 @pytest.mark.parametrize("where", ["", "folder", "file/answer.json"])
 def test_an_answer_that_cannot_be_written(tmp_path: Path, arguments: list[str], where: str) -> None:
