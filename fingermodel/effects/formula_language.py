@@ -118,6 +118,11 @@ def prefix_of(name: str) -> str:
     return next((p for p in PLACED if name.startswith(p) and name != p), "")
 
 
+def one_line(text: str) -> str:
+    """Return a formula as it is shown: on one line, each run of blanks as one."""
+    return " ".join(text.split())
+
+
 @lru_cache(maxsize=512)
 def parse(text: str, where: str) -> Formula:
     """Read one formula; `where` names the file in errors.
@@ -127,7 +132,7 @@ def parse(text: str, where: str) -> Formula:
     """
     if len(text) > LENGTH_LIMIT:
         raise ModelError(f"{where}: a formula has {len(text)} characters", f"at most {LENGTH_LIMIT}", "Split it")
-    line = " ".join(text.split())
+    line = one_line(text)
     if not line.isascii() or not line.isprintable():
         raise ModelError(f"{_place(line, where)} is not plain ASCII", "Latin letters, digits and + - * / ( )")
     found = _LINE.fullmatch(line)

@@ -10,6 +10,7 @@ from fingermodel import comparing
 from fingermodel.comparison.comparison import Comparison, compare
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
 from fingermodel.effects.formula import formula_effect
+from fingermodel.effects.formula_language import one_line
 from fingermodel.effects.user import load_effect, shipped_effects
 from fingermodel.model_files import Step
 from fingermodel.session import Progress, Session
@@ -97,6 +98,7 @@ def resolved_effects(given: Sequence[str], *, files: bool = True) -> tuple[list[
 
 def formula_of(text: str) -> Effect:
     """Make an effect of a formula with one coefficient k, as a hint prints it; unit and range follow from its place."""
+    text = one_line(text)
     left, _, right = text.partition("=")
     left = left.rstrip("+* ")
     if left.startswith("torque") and "*=" not in text:
@@ -119,4 +121,4 @@ def formula_of(text: str) -> Effect:
         "formula": text,
         "parameters": {"k": {"unit": unit, "range": [-reach, reach]}},
     }
-    return formula_effect(document, f"formula {' '.join(text.split())!r}")
+    return formula_effect(document, f"formula {text!r}")
