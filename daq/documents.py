@@ -26,17 +26,25 @@ class Document(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class RepeatedNameError(json.JSONDecodeError):
+    """A key of a JSON text is there twice, so that only one could count; its place in the text is not known."""
+
+    def __str__(self) -> str:
+        """Return what is wrong, without a place."""
+        return self.msg
+
+
 def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Make an object of a JSON text, as `object_pairs_hook`; a key given twice is refused, since only one could count.
 
     Raises:
-        json.JSONDecodeError: a key is there twice.
+        RepeatedNameError: a key is there twice.
     """
     out = dict(pairs)
     if len(out) < len(pairs):
         names = [key for key, _ in pairs]
         twice = next(key for key in names if names.count(key) > 1)
-        raise json.JSONDecodeError(f"key {twice[:60]!r} is there twice", "", 0)
+        raise RepeatedNameError(f"key {twice[:60]!r} is there twice", "", 0)
     return out
 
 

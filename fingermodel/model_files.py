@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.documents import unique_keys
+from daq.documents import EACH_ONCE, RepeatedNameError, unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.budget import Budget, budget_of
@@ -252,6 +252,8 @@ def read_revision(file: str | os.PathLike[str]) -> Revision:
         raise ModelError(f"no model file {path}", "a revision written by `fingertwin refit --out`")
     try:
         document = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=unique_keys)
+    except RepeatedNameError as error:
+        raise ModelError(f"{path.name}: {error}", *EACH_ONCE) from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ModelError(
             f"{path.name} is not JSON ({error})", f"{FORMAT}, as `fingertwin refit --out` writes"

@@ -15,6 +15,7 @@ from daq.sessions import read_yaml
 from fingermodel.diagnosis.next_cases.frozen import read_frozen
 from fingermodel.exchange.reading import about_of
 from fingermodel.model_files import read_revision
+from server.application.additions import formula_of
 from server.service.web.strict_requests import read_json
 
 TWICE = '{"format": "a", "inner": {"mass": 1, "mass": 2}}'
@@ -37,6 +38,25 @@ def test_a_key_given_twice_is_refused(read: Callable[[Path], Any], tmp_path: Pat
     assert read_document(_once(file), "a file") == json.loads(TWICE.replace('"mass": 1, ', ""))
 
 
+def test_a_model_with_a_key_given_twice_is_refused_in_the_words_of_a_yaml_file(tmp_path: Path) -> None:
+    file = tmp_path / "twice.json"
+    file.write_text(TWICE, encoding="utf-8")
+    with pytest.raises(InputError) as model:
+        read_revision(file)
+    with pytest.raises(InputError) as yaml:
+        read_document(file, "a file")
+    assert str(model.value) == str(yaml.value).replace(" in line 1, column 38", "")
+    assert str(model.value).startswith("twice.json: key 'mass' is there twice; expected each key once.")
+
+
+def test_a_frozen_file_with_a_key_given_twice_names_no_place_that_is_not_known(tmp_path: Path) -> None:
+    file = tmp_path / "twice.json"
+    file.write_text(TWICE, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        read_frozen(file)
+    assert "(key 'mass' is there twice)" in str(refused.value)
+
+
 def test_a_body_with_a_key_given_twice_is_refused() -> None:
     with pytest.raises(json.JSONDecodeError, match="'mass' is there twice"):
         read_json(TWICE.encode())
@@ -45,3 +65,12 @@ def test_a_body_with_a_key_given_twice_is_refused() -> None:
 def _once(file: Path) -> Path:
     file.write_text(TWICE.replace('"mass": 1, ', ""), encoding="utf-8")
     return file
+
+
+@pytest.mark.parametrize("blanks", ["  ", "\t", "\n ", " \r\n\t "])
+def test_blanks_in_a_formula_are_as_one_in_what_is_made_of_it_and_in_what_is_refused(blanks: str) -> None:
+    formula = "torque[PIP] += k * t_EDC"
+    plain, blank = formula_of(formula), formula_of(formula.replace(" ", blanks))
+    assert (blank.name, blank.title, blank.formula) == (plain.name, plain.title, plain.formula)
+    with pytest.raises(InputError, match=r"^formula 'torque\[PIP\] \+= k \* \(' cannot be read"):
+        formula_of(f"torque[PIP] += k *{blanks}(")
