@@ -32,6 +32,7 @@ from server.service.figures.parts import resolved, spread_members, spread_of
 from server.service.services import Services
 from server.service.sessions.blinding import require_closed, seen
 from server.service.sessions.measuring import Measured
+from server.service.sessions.records import changed_since
 from server.service.web.problems import ProblemError
 
 if TYPE_CHECKING:
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
     from server.figures.arrows import Spread
 
 T = TypeVar("T")
+
+# As the pages say it, beside the report that they show.
+OUTDATED = "The session was changed since this search: search again."
 
 
 def checked(parts: Services, session: str) -> dict[str, Any]:
@@ -84,11 +88,12 @@ def _model_findings(parts: Services, measured: Measured, kept: BenchSession) -> 
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a session, to be written as a page or shown in one."""
+    """The report of a session, to be written as a page or shown in one; `outdated` where its search is."""
 
     title: str
     subtitle: str
     sections: list[Section]
+    outdated: bool = False
 
 
 def report_of(parts: Services, session: str, model: str | None, job: str | None) -> Report:
@@ -133,7 +138,8 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     if job is None:
         return Report(report_title(session), f"Model: {bench.loaded.name}", [*compared, *closing])
     below = subtitle(answer | {"origin": origin})
-    return Report(f"Report of {session}", below, [*found, *folded(compared), *closing])
+    outdated = changed_since(measured.record.edits, parts.jobs.get(job).started_utc or "")
+    return Report(f"Report of {session}", below, [*found, *folded(compared), *closing], outdated)
 
 
 def report_page(parts: Services, session: str, model: str | None, job: str | None) -> str:
@@ -147,7 +153,10 @@ def report_sheet(parts: Services, session: str, model: str | None, job: str | No
 
 
 def _page(report: Report) -> str:
-    return report_html(report.sections, report.title, report.subtitle)
+    first, *rest = report.sections
+    # The pages say it beside the report; one that was saved has to say it itself.
+    outdated = [OUTDATED] if report.outdated else []
+    return report_html([replace(first, parts=[*outdated, *first.parts]), *rest], report.title, report.subtitle)
 
 
 def _sheet(report: Report) -> dict[str, Any]:

@@ -226,6 +226,12 @@ def undone_edits(changes: Sequence[Edit]) -> set[int]:
     return undone
 
 
+def changed_since(changes: Sequence[Edit], at_utc: str) -> bool:
+    """Return whether other edits are in force than were at a time; what is proposed to measure changes nothing."""
+    then = live_edits([e for e in changes if e.created_utc <= at_utc])
+    return [e.number for e in then if e.kind != "plan"] != [e.number for e in live_edits(changes) if e.kind != "plan"]
+
+
 def live_edits(changes: Sequence[Edit]) -> list[Edit]:
     """Return the edits that are in force."""
     undone = undone_edits(changes)

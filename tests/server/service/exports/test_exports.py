@@ -280,6 +280,24 @@ def test_a_diagnosis_comes_before_the_comparison_in_one_page(service: ServiceRec
     assert RECORDED in wrong.json()["detail"]
 
 
+def test_a_saved_report_says_that_the_session_was_changed_since_its_search(service: ServiceReceiver) -> None:
+    from tests.server.service.figures.test_figures_routes import kept_job
+
+    client, changed = service.client(), "The session was changed since this search: search again."
+    kept_job(service, "d10", session=RECORDED, started_utc=now_utc())
+    params = {"job": "d10", "model": "an1979_middle"}
+    where = f"{AT}/{RECORDED}/report"
+    assert changed not in client.get(where, params=params).text
+    cause = {"reason": "the suture slipped"}
+    edit = client.post(f"{AT}/{RECORDED}/cases/c003/exclude", json=cause).json()["edit"]
+    page = client.get(where, params=params).text
+    assert page.count(changed) == 1
+    assert page.index("<h2>Verdict</h2>") < page.index(changed) < page.index("<h2>What to do</h2>")
+    # Once it is taken back, the search is of the session as it is.
+    assert client.post(f"{AT}/{RECORDED}/edits/{edit}/undo", json={}).is_success
+    assert changed not in client.get(where, params=params).text
+
+
 @pytest.mark.parametrize(
     ("path", "params", "status", "words"),
     [
