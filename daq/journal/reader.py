@@ -212,7 +212,8 @@ def connect_read(path: Path, damaged: bool = False) -> sqlite3.Connection:
         JournalError: it is absent or cannot be read.
     """
     if not path.is_file():
-        raise JournalError(f"there is no {path}", "a journal", "Check the path")
+        found = f"{path} is a folder" if path.is_dir() else f"there is no {path}"
+        raise JournalError(found, "a journal", "Check the path")
     address = path.resolve().as_uri() + "?mode=ro"
     log = path.with_name(path.name + "-wal")
     # Without a log nothing is being written, and a folder that is write-protected holds up no reader.

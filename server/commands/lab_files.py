@@ -23,6 +23,8 @@ def import_recording(
     Raises:
         InputError: the file or the mapping cannot be used, or the mapping is still to be confirmed.
     """
+    if recording.is_dir():  # whose name may be empty, so that none can stand beside it
+        raise InputError(f"{recording} is a folder", "a recording", "Name a file in it")
     if mapping is None:
         mapping = recording.with_name(f"{recording.name}.map.yaml")
         if not mapping.exists() and not _proposed(recording, mapping, calibration, json):

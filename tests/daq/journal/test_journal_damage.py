@@ -226,6 +226,12 @@ def test_what_is_no_journal_is_refused_in_one_line(path: Path, content: bytes | 
     assert not path.with_name("out.journal").exists()
 
 
+def test_a_folder_is_no_journal(path: Path) -> None:
+    for use in (JournalReader.open, check):
+        with pytest.raises(JournalError, match="is a folder; expected a journal"):
+            use(path.parent)
+
+
 def test_a_newer_journal_and_one_that_exists_are_refused(path: Path) -> None:
     written(path, 1)
     with pytest.raises(JournalError, match="exists"):
