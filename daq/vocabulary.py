@@ -23,6 +23,7 @@ EVENT_KINDS = ("tare", "set_posture", "move_cell", "retie", "slip", "moisten", "
 ROTATION_TOLERANCE = 1e-6
 # No load cell tells so many N or N mm, in whatever unit its readings are; what is larger could not be squared.
 LARGEST = 1e12
+TELLABLE = f"a number that a load cell can tell, within ±{LARGEST:g}"
 
 # Names for the axes of a mount, which are proximal, dorsal, radial.
 AXIS_NAMES: Mapping[str, tuple[float, float, float]] = {

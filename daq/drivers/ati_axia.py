@@ -6,10 +6,9 @@ import re
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.drivers.ati_serial import Lines, hush
-from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, Unwrap, heard_without_samples, samples
+from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, Unwrap, heard_without_samples, samples, told
 from daq.errors import DriverError
 
 BREAK = b"\r"
@@ -154,14 +153,13 @@ class AxiaDecoder:
             units[name[0]].add(unit)
             values[name] = float(word) * factor
         wrench = tuple(values[name] for name in AXES)
-        if max(len(units["f"]), len(units["t"])) > 1 or found["#"] >= self._modulus or not _finite(wrench):
+        if (
+            max(len(units["f"]), len(units["t"])) > 1
+            or found["#"] >= self._modulus
+            or not told(np.array([wrench])).all()
+        ):
             return None
         return _Line(found["#"], found["!"], wrench, len(line) + 1)
-
-
-def _finite(wrench: tuple[float, ...]) -> bool:
-    values: NDArray[np.float64] = np.array(wrench)
-    return bool(np.isfinite(values).all())
 
 
 class AtiAxia(LoadCell):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import DriverError
+from daq.vocabulary import LARGEST
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -267,6 +268,11 @@ class Unwrap:
         out: Integers = first + np.cumsum(steps)
         self._last = int(out[-1])
         return out
+
+
+def told(wrench: Floats) -> Flags:
+    """Return of which readings (n, 6) [N, N mm] every number is one that a load cell can tell: (n,)."""
+    return np.asarray((np.abs(wrench) <= LARGEST).all(axis=1))
 
 
 def samples(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, Unwrap, samples
+from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, Unwrap, samples, told
 from daq.drivers.frames import FrameStream, crc16_x25
 from daq.errors import DriverError
 
@@ -38,7 +38,7 @@ def _valid(frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
 class BotaDecoder:
     """Frames of `AA`, status, six float32 (N, N m), microseconds, degrees C and a CRC, all little-endian.
 
-    A frame whose status says that it holds gauges, or that holds what is no number, is refused: it is no wrench.
+    A frame whose status says that it holds gauges, or with what no cell can tell, is refused: it is no wrench.
     """
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class BotaDecoder:
         table = np.ascontiguousarray(found.frames).view(FRAME)[:, 0]
         # N m to N mm.
         wrench = table["wrench"].astype(np.float64) * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
-        sound = np.isfinite(wrench).all(axis=1) & ((table["status"] & RAW) == 0)
+        sound = told(wrench) & ((table["status"] & RAW) == 0)
         status = table["status"][sound].astype(np.int64)
         return samples(
             wrench[sound],

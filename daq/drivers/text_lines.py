@@ -13,6 +13,7 @@ import numpy as np
 from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, samples
 from daq.errors import DriverError, ReadingsError
 from daq.recordings.columns import find_columns, quantity_of
+from daq.vocabulary import LARGEST
 
 AUTO = "auto"
 # Tried in this order: a comma may be a decimal mark, and spaces may pad the fields of the others.
@@ -52,7 +53,7 @@ class Layout:
         status = 0.0 if self.status is None else values[self.status]
         out = (values[at] * factor, *(values[i] * f for i, f in self.axes), status)
         whole = abs(status) < 2**53 and status == int(status)
-        return out if whole and all(math.isfinite(v) for v in out) else None
+        return out if whole and math.isfinite(out[0]) and all(abs(v) <= LARGEST for v in out[1:7]) else None
 
 
 def layout_of(headers: Sequence[str], where: str) -> Layout:

@@ -25,7 +25,7 @@ from daq.recordings.columns import HEADERS, KINDS, QUANTITIES
 from daq.recordings.readings import ReadingBlock, write_readings
 from daq.signals.gauges import GaugeCalibration, read_calibration, saturated
 from daq.units import COMMON, Kind, factor_of
-from daq.vocabulary import did_you_mean
+from daq.vocabulary import LARGEST, TELLABLE, did_you_mean
 
 Floats = NDArray[np.float64]
 
@@ -163,7 +163,11 @@ class LabRecording:
                     "a time for each reading",
                     "Is it written in whole seconds? Take time by counting: increment_s in the mapping",
                 )
-            yield self._reading(t_s, block[:, :6] * self.factors)
+            values = block[:, :6] * self.factors
+            if (np.abs(values) > LARGEST).any():
+                at, column = np.argwhere(np.abs(values) > LARGEST)[0]
+                raise self._fault(row + int(at), f"{names[column]} is {block[at, column]:g}", TELLABLE)
+            yield self._reading(t_s, values)
             row, last_s = row + len(block), float(t_s[-1])
         if row == 0:
             raise ReadingsError(f"{self.source.path.name} has no readings", "at least one in each channel")

@@ -21,9 +21,10 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
-from daq.recordings.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, ColumnFile
+from daq.recordings.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, Column, ColumnFile
 from daq.recordings.parquet_pages import unpacked_bytes
 from daq.recordings.unpacking import Limited
+from daq.vocabulary import LARGEST, TELLABLE
 
 Batch = tuple[list[NDArray[np.float64]], NDArray[np.int64] | None]
 
@@ -158,14 +159,16 @@ def write_batches(path: Path, ending: str, tables: Iterator[dict[str, Any]]) -> 
 
 
 def fault(source: ColumnFile, rows_before: int, block: NDArray[np.float64]) -> ReadingsError:
-    """Name the first number of a block (n, 7) that is not finite."""
+    """Name the first number of a block (n, 7) that is not finite, or no number that a load cell can tell."""
     if source.kind != "parquet":
         found = _first_fault(source, rows_before)
         if found is not None:
             return found
-    row, column = np.argwhere(~np.isfinite(block))[0]
-    header = source.columns.used[column].header
-    return _bad_number(source, rows_before + int(row) + 1, 0, header, repr(float(block[row, column])))
+    unsound = ~np.isfinite(block)
+    unsound[:, 1:] |= np.abs(block[:, 1:]) > LARGEST
+    row, column = np.argwhere(unsound)[0]
+    used = source.columns.used[column]
+    return _bad_number(source, rows_before + int(row) + 1, 0, used, repr(float(block[row, column] / used.factor)))
 
 
 def _with(first: pa.Table, rest: Iterator[dict[str, Any]]) -> Iterator[pa.Table]:
@@ -258,14 +261,20 @@ def _first_fault(source: ColumnFile, sound: int) -> ReadingsError | None:
                     )
                 for column in source.columns.used:
                     text = fields[column.index].strip()
-                    if not _is_number(text) or not math.isfinite(float(text)):
-                        return _bad_number(source, row, before + reader.line_num, column.header, repr(text))
+                    if not _is_number(text) or not _is_sound(float(text), column):
+                        return _bad_number(source, row, before + reader.line_num, column, repr(text))
         except (EOFError, OSError, zlib.error, csv.Error) as error:
             return _torn(source.path, error)
     return None
 
 
-def _bad_number(source: ColumnFile, row: int, line: int, header: str, value: str) -> ReadingsError:
+def _is_sound(number: float, column: Column) -> bool:
+    return math.isfinite(number) and (column.quantity == "t" or abs(number * column.factor) <= LARGEST)
+
+
+def _bad_number(source: ColumnFile, row: int, line: int, column: Column, value: str) -> ReadingsError:
     where = f"row {row} (line {line})" if line else f"row {row}"
     remedy = "Write a decimal point, not a comma" if "," in value else ""
-    return ReadingsError(f"{source.path.name}: {where}, column {header.strip()} is {value}", "a finite number", remedy)
+    text = value.strip("'")
+    expected = TELLABLE if _is_number(text) and math.isfinite(float(text)) else "a finite number"
+    return ReadingsError(f"{source.path.name}: {where}, column {column.header.strip()} is {value}", expected, remedy)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from daq.errors import ReadingsError
 from daq.files import replacing
 from daq.recordings.columns import HEADERS, QUANTITIES, ROW_GROUP_ROWS, STATUS, ColumnFile, find_columns
+from daq.vocabulary import LARGEST
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ class ReadingSource(ColumnFile):
         """Yield the readings in order.
 
         Raises:
-            ReadingsError: a number that is none or not finite, a torn row or file, or no row at all.
+            ReadingsError: a number that no cell can tell or that is none, a torn row or file, or no row at all.
         """
         from daq.recordings import files as reading_files
 
@@ -74,7 +75,7 @@ class ReadingSource(ColumnFile):
             t_s = np.empty(n)
             for column, target, values in zip(self.columns.used, (t_s, *wrench), arrays, strict=True):
                 np.multiply(values, column.factor, out=target)
-            if not (np.isfinite(wrench).all() and np.isfinite(t_s).all()):
+            if not ((np.abs(wrench) <= LARGEST).all() and np.isfinite(t_s).all()):
                 raise reading_files.fault(self, rows, np.stack([t_s, *wrench], axis=1))
             rows += n
             yield ReadingBlock(t_s, wrench.T, status)
@@ -93,6 +94,8 @@ def first_bytes(file: Path, count: int, expected: str) -> bytes:
     Raises:
         ReadingsError: it cannot be read.
     """
+    if file.is_dir():
+        raise ReadingsError(f"{file} is a folder", expected, "Name a file in it")
     try:
         with file.open("rb") as stream:
             return stream.read(count)

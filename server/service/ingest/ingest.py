@@ -19,7 +19,9 @@ from daq.acquisition.blocks import Chunk
 from daq.bench.record import STARTED
 from daq.errors import JournalError, ReadingsError
 from daq.journal.rows import Event
+from daq.recordings.columns import HEADERS
 from daq.recordings.windows import require_increasing
+from daq.vocabulary import LARGEST, TELLABLE
 from server.service.ingest.stored import (
     canonical_object,
     event_of,
@@ -285,6 +287,11 @@ def _overlapping(connection: Connection, session: str, stream: str, chunk: Chunk
 def _require_rising(chunk: Chunk) -> None:
     if not np.isfinite(chunk.t_s).all():
         raise ProblemError(422, "a time that is no number", "times in s")
+    unsound = np.argwhere(~(np.abs(chunk.wrench) <= LARGEST))
+    if len(unsound):
+        row, axis = unsound[0]
+        found = f"sample {chunk.first_seq + int(row)}: {HEADERS[1 + axis]} is {chunk.wrench[row, axis]:g}"
+        raise ProblemError(422, found, TELLABLE, "Leave it out: the other readings of the chunk can be sent")
     try:
         if len(chunk):
             require_increasing(chunk.t_s, -math.inf, chunk.first_seq, "the stream")

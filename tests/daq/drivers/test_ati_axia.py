@@ -91,6 +91,7 @@ def test_a_first_line_that_is_the_rest_of_one_does_not_count() -> None:
         LINES[3].replace(b"0.0200 Nm", b"0.0200"),
         LINES[3].replace(b"-2.500 N", b"-2.5.0 N"),
         LINES[3].replace(b"-2.500 N", b"nan N"),
+        LINES[3].replace(b"-2.500 N", b"-2500000000000.0 N"),
         LINES[3].replace(b"-2.500 N", b"1e999 N"),
         LINES[3].replace(b"-2.500 N", b"-2.500 \xce"),
         LINES[3].replace(b"00000000", b"0000000g"),

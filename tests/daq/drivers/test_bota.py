@@ -48,7 +48,7 @@ def test_status_is_kept_and_beyond_range_is_overload() -> None:
     assert got.overload.tolist() == [True, True, False, False]
 
 
-@pytest.mark.parametrize("bad", [{"status": 0x8}, {"value": np.nan}, {"value": np.inf}])
+@pytest.mark.parametrize("bad", [{"status": 0x8}, {"value": np.nan}, {"value": np.inf}, {"value": 1e30}])
 def test_gauges_and_what_is_no_number_are_refused(bad: dict[str, float]) -> None:
     status, value = int(bad.get("status", 0)), bad.get("value", 1.5)
     got = Bota().decoder().feed(b"".join(frames(2) + frames(1, 0.1, status, value) + frames(3, 0.2)))

@@ -254,6 +254,10 @@ REFUSED: dict[str, tuple[str, str]] = {
     "a gap": (plain().replace("0.03,", "0.03,,", 1), "it has 8 cells; expected 7"),
     "a short row": (plain().replace("0.03,", "", 1), "it has 6 cells; expected 7"),
     "a hole": (plain().replace("\n0.02,-0.125,", "\n0.02,,"), "Fx (N) is ''; expected a finite number"),
+    "more than a cell tells": (
+        plain().replace("\n0.02,-0.125,", "\n0.02,1e200,"),
+        "Fx (N) is 1e+200; expected a number that a load cell can tell",
+    ),
     "time goes back": (plain().replace("\n0.03,", "\n0.01,"), "time goes back"),
     "days apart, or months": (over_midnight("05/06/2026", "07/06/2026"), "dates such as 2024-05-31"),
     "years apart, or days": (over_midnight("05/06/07", "05/07/08"), "whose day and month may be exchanged"),

@@ -142,6 +142,10 @@ BAD_FILES: dict[str, tuple[str, list[str]]] = {
     "torque in newton": (f"{HEADER.replace('Tx_Nmm', 'Tx_N')}\n{ROW}\n", ["'Tx_N'", "not a unit of torque"]),
     "not a number": (f"{HEADER}\n{ROW}\n0.02,1,2,abc,4,5,6\n", ["row 2 (line 3)", "column Fz_N is 'abc'"]),
     "nan": (f"{HEADER}\n{ROW}\n0.02,1,nan,3,4,5,6\n", ["row 2 (line 3)", "column Fy_N is 'nan'", "finite"]),
+    "more than a cell tells": (
+        f"{HEADER}\n{ROW}\n0.02,1,2,3,4,1e200,6\n",
+        ["row 2 (line 3)", "column Ty_Nmm is '1e200'", "a number that a load cell can tell, within ±1e+12"],
+    ),
     "inf": (f"{HEADER}\n0.01,1,2,3,4,5,-inf\n", ["row 1 (line 2)", "column Tz_Nmm is '-inf'"]),
     "hole": (f"{HEADER}\n{ROW}\n0.02,1,,3,4,5,6\n", ["row 2 (line 3)", "column Fy_N is ''"]),
     "torn row": (f"{HEADER}\n{ROW}\n0.02,1,2\n", ["row 2 (line 3) has 3 fields", "7"]),
@@ -173,6 +177,18 @@ def test_a_fault_late_in_a_long_file_is_placed(tmp_path: Path) -> None:
     rows[55_000] = "55.0,1,2,3,4,nan,6"
     path = text_file(tmp_path, HEADER + "\n" + "\n".join(rows))
     with pytest.raises(ReadingsError, match=r"row 55001 \(line 55002\), column Ty_Nmm is 'nan'"):
+        list(open_readings(path).blocks())
+
+
+def test_more_than_a_cell_tells_is_placed_in_parquet_and_after_conversion(tmp_path: Path) -> None:
+    block = some(50_000)
+    block.wrench[40_000, 2] = -1e200
+    path = write_readings(tmp_path / "r.parquet", [block])
+    with pytest.raises(ReadingsError, match=r"row 40001, column Fz_N is -1e\+200; expected a number that a load cell"):
+        list(open_readings(path).blocks())
+    path = tmp_path / "r.csv"
+    path.write_text("t_s,Fx_kN,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm\n1e13,2e10,2,3,4,5,6\n", encoding="utf-8")
+    with pytest.raises(ReadingsError, match=r"row 1 \(line 2\), column Fx_kN is '2e10'; expected a number that"):
         list(open_readings(path).blocks())
 
 

@@ -182,6 +182,19 @@ def test_a_chunk_with_a_wrong_hash_is_refused_and_the_true_one_is_taken(service:
     assert put(client, name, chunk).json()["next_seq"] == 40
 
 
+@pytest.mark.parametrize("value", [1e200, -2e12, float("nan"), float("inf")])
+def test_a_chunk_with_what_no_cell_can_tell_is_refused_and_the_true_one_is_taken(
+    service: ServiceReceiver, value: float
+) -> None:
+    name, client = service.new_session(), service.client()
+    describe(client, name)
+    wrench = made(0, 40).wrench.copy()
+    wrench[7, 4] = value
+    problem = refused(put(client, name, replace(made(0, 40), wrench=wrench)), 422, f"sample 7: Ty_Nmm is {value:g}")
+    assert problem["expected"] == "a number that a load cell can tell, within ±1e+12"
+    assert put(client, name, made(0, 40)).json()["next_seq"] == 40
+
+
 def at_times(first: int, *t_s: float) -> Chunk:
     return replace(made(first, len(t_s)), t_s=np.array(t_s))
 
