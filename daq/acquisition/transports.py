@@ -55,7 +55,10 @@ class SerialTransport:
 
         self._lost = (serial.SerialException, OSError, TypeError)
         try:
-            self._port: serial.Serial = serial.serial_for_url(port, baud, timeout=0.0, write_timeout=2.0)
+            # Two programs on one port would each get a part of the bytes.
+            self._port: serial.Serial = serial.serial_for_url(
+                port, baud, timeout=0.0, write_timeout=2.0, exclusive=True
+            )
         except (serial.SerialException, OSError, ValueError) as error:
             raise _cannot_open(port, error) from error
 

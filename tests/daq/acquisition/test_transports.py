@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 import time
@@ -31,6 +32,21 @@ def test_what_came_is_read_at_once_and_silence_takes_its_time() -> None:
     with pytest.raises(LinkLostError):
         link.read(0.05)
     link.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
+def test_a_port_that_is_read_already_is_refused_and_free_afterwards() -> None:
+    ours, theirs = os.openpty()
+    port = os.ttyname(theirs)
+    link = SerialTransport(port, 115200)
+    with pytest.raises(DriverError, match=f"{port} is in use; expected a free port"):
+        SerialTransport(port, 115200)
+    os.write(ours, b"abc")
+    assert link.read(1.0) == b"abc"
+    link.close()
+    SerialTransport(port, 115200).close()
+    os.close(ours)
+    os.close(theirs)
 
 
 def test_a_host_that_hangs_up_is_a_lost_link() -> None:
