@@ -35,6 +35,9 @@ BACK_OFF_S = (0.25, 0.5, 1.0, 2.0, 5.0)
 WAITING = 300
 READ_S = 0.05
 REST_S, REST_READS = 0.01, 3
+# After so long on a connection, a device that sends so many times the stated readings was given a wrong rate. Less may
+# be what was waiting to be read when it was opened.
+RATE_S, RATE_OFF = 5.0, 1.1
 # So many gaps and connections are remembered until the times of readings tell of them.
 REMEMBERED = 1000
 # Bytes that make no sample for so long are kept as they are; that they make none is said then, and so often.
@@ -86,6 +89,8 @@ class Acquisition:
         # Of this connection: what came while it was started, and whether anything has made a sample.
         self._heard: list[tuple[bytes, float]] = []
         self._understood = False
+        self._since_s: float | None = None
+        self._got = 0
         self._said_undecoded_s = -SAID_AGAIN_S
         self._overloaded = False
         self._last_sequence: int | None = None
@@ -138,8 +143,9 @@ class Acquisition:
                 if not over:
                     continue
                 # What found no room is said last.
-                if self._unsaid:
-                    yield Record(None, tuple(self._unsaid))
+                last = [*self._overrun(), *self._unsaid]
+                if last:
+                    yield Record(None, tuple(last))
                 if self._failure is not None:
                     raise self._failure from None
                 return
@@ -155,6 +161,7 @@ class Acquisition:
                 raise DriverError(f"the device went away at once ({error})", "a load cell that stays") from error
             raise
         self._heard, self._understood = listening.heard, False
+        self._since_s, self._got = None, 0
         return transport
 
     def _now(self) -> float:
@@ -223,10 +230,23 @@ class Acquisition:
                 if gathered.samples or gathered.waited_s(now) >= UNDECODED_S:
                     self._close_chunk(gathered, warn=True)
                     gathered = Gathered(now)
+                    self._require_rate(now, recorded)
                 else:
                     self._say(gathered)
         self._close_chunk(gathered)
         return None
+
+    def _require_rate(self, now: float, recorded: Recorded | None) -> None:
+        """Refuse a device that is faster than the rate that was set: the times of its readings would run ahead."""
+        passed_s = 0.0 if self._since_s is None else now - self._since_s
+        # A rate that is no setting is the maker's, and a recording is read as fast as it goes.
+        rate_hz = self.cell.rate_hz if "rate_hz" in self.cell.values and recorded is None else None
+        if rate_hz is not None and passed_s >= RATE_S and self._got > RATE_OFF * rate_hz * passed_s:
+            raise DriverError(
+                f"{self.cell.name} sends {self._got / passed_s:.4g} readings a second",
+                f"{rate_hz:g}, as rate_hz says",
+                "Give the rate that is set at the device with --set rate_hz=RATE, and log anew",
+            )
 
     @staticmethod
     def _with_rest(transport: Transport, data: bytes) -> bytes:
@@ -248,6 +268,8 @@ class Acquisition:
             # Before the first record were answers and the rest of another one: no damage.
             self._understood, gathered.rejected, gathered.skipped = True, 0, 0
         self._said_undecoded_s = -SAID_AGAIN_S
+        self._got += 0 if self._since_s is None else len(decoded)
+        self._since_s = now if self._since_s is None else self._since_s
         if self.cell.clock == "recording" and decoded.device_s is not None:
             times = decoded.device_s + self._from_s
         else:
@@ -347,9 +369,8 @@ class Acquisition:
     def _hand_on(self, chunk: Chunk | None, events: list[StreamEvent]) -> bool:
         """Put a record where it can be taken; while nobody takes, count lost samples and keep events."""
         events = [*self._unsaid, *events]
-        lost = self._lost_samples or self._lost_bytes
-        if lost:
-            events.append(self._event("overrun", lost_samples=self._lost_samples, lost_bytes=self._lost_bytes))
+        lost = self._overrun()
+        events += lost
         try:
             self._out.put_nowait(Record(chunk, tuple(events)))
         except queue.Full:
@@ -364,6 +385,12 @@ class Acquisition:
             return False
         self._unsaid, self._lost_samples, self._lost_bytes = [], 0, 0
         return True
+
+    def _overrun(self) -> list[StreamEvent]:
+        """Return the event of what was lost because nobody took it, where anything was."""
+        if not (self._lost_samples or self._lost_bytes):
+            return []
+        return [self._event("overrun", lost_samples=self._lost_samples, lost_bytes=self._lost_bytes)]
 
     def _come_back(self, why: str) -> Transport | None:
         """Try to connect again, ever more slowly, until it works or a stop is asked for."""

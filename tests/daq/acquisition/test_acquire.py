@@ -167,6 +167,24 @@ def recorded(data: bytes) -> Samples:
     return samples(np.tile(values[:, None] / 10.0, (1, 6)), sequence=values, device_s=values / 100.0)
 
 
+def test_a_device_faster_than_the_rate_that_was_set_ends_the_log_and_loses_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("daq.acquisition.acquire.RATE_S", 0.1)
+    cell, given = Counting(), Portions([bytes(range(100)) for _ in range(300)])
+    run = Acquisition(cell, lambda: given, chunk_s=0.02)
+    cell.values["rate_hz"] = 1000.0
+    run.start()
+    records: list[Record] = []
+    with pytest.raises(DriverError, match=r"counting sends \S+ readings a second; expected 1000, as rate_hz says"):
+        records.extend(run.records())
+    run.stop()
+    assert len(numbered(records)) == 100 * (300 - len(given._portions)) > 0
+    # A rate that is no setting is the maker's: what is read is kept.
+    records, _ = taken([Portions([bytes(range(100)) for _ in range(300)])])
+    assert len(numbered(records)) == 30_000
+
+
 def test_an_overload_is_told_when_it_begins_and_ends() -> None:
     records, _ = taken([Portions([bytes([1, 2]), bytes([3 | 128, 4 | 128]), bytes([5 | 128, 6]), bytes([7])])])
     assert kinds(records) == ["started", "overload", "overload_ended", "ended"]
@@ -196,6 +214,17 @@ def test_silence_is_told_and_then_a_new_connection_is_tried(monkeypatch: pytest.
     links: list[Portions | DriverError] = [Portions([bytes([1]), 0.15, bytes([2]), 9.0]), Portions([bytes([5])])]
     records, _ = taken(links, stale_s=0.1)
     assert kinds(records) == ["started", "stale", "stale", "stale", "disconnected", "reconnected", "ended"]
+
+
+def test_what_nobody_took_before_the_end_is_counted_too() -> None:
+    run = Acquisition(Counting(), lambda: Portions([bytes([k % 128]) for k in range(100)]), chunk_s=0.005, waiting=3)
+    run.start()
+    run._thread.join()
+    records = list(run.records())
+    lost = [e.value["lost_samples"] for r in records for e in r.events if e.kind == "overrun"]
+    assert len(lost) == 1
+    assert len(numbered(records)) + lost[0] == 100
+    assert kinds(records)[-1] == "ended"
 
 
 def test_what_nobody_takes_in_time_is_counted() -> None:
