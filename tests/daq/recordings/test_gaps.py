@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -43,12 +43,12 @@ def stalled(t_s: Floats) -> Floats:
     return out + 1e-6 * np.arange(len(t_s))
 
 
-ARRIVALS = {"even": np.array, "jittering": jittering, "stalled": stalled}
+ARRIVALS: dict[str, Callable[[Floats], Floats]] = {"even": np.array, "jittering": jittering, "stalled": stalled}
 
 
 @pytest.mark.parametrize("arrive", ARRIVALS.values(), ids=ARRIVALS)
 @pytest.mark.parametrize("portion", [1, 7, 100_000])
-def test_lost_readings_are_counted_and_late_ones_are_not(arrive: Any, portion: int) -> None:
+def test_lost_readings_are_counted_and_late_ones_are_not(arrive: Callable[[Floats], Floats], portion: int) -> None:
     t_s = even()
     assert gaps_of(arrive(t_s), portion)[0] == []
     found, finder = gaps_of(arrive(np.delete(t_s, LOST)), portion)
