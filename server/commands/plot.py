@@ -25,7 +25,7 @@ def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
         InputError: it is no recording, or the figure's name has another ending.
     """
     target = out or Path(f"{recording.name}.html")
-    if target.suffix.lower() not in _ENDINGS:
+    if out is not None and target.suffix.lower() not in _ENDINGS:
         raise InputError(f"--out {target.name}", f"a name that ends in {', '.join(_ENDINGS)}")
     with progress("Reading"), as_recording(recording) as file:
         traces = read_traces(file)

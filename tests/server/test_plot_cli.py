@@ -47,6 +47,6 @@ def test_a_recording_without_time_is_drawn_by_its_readings(tmp_path: Path, monke
 def test_what_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:
     assert "a name that ends in .html, .png, .svg" in refused("plot", "r.tdms", "--out", tmp_path / "r.pdf")
     assert "cannot be read" in refused("plot", tmp_path / "absent.csv")
-    assert f"{tmp_path} is a folder; expected a recording" in refused("plot", tmp_path)
     for given in (tmp_path, Path()):
+        assert f"{given} is a folder; expected a recording. Name a file in it." in refused("plot", given)
         assert f"{given} is a folder; expected a recording. Name a file in it." in refused("import", given)
