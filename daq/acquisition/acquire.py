@@ -35,9 +35,9 @@ BACK_OFF_S = (0.25, 0.5, 1.0, 2.0, 5.0)
 WAITING = 300
 READ_S = 0.05
 REST_S, REST_READS = 0.01, 3
-# After so long on a connection, a device that sends so many times the stated readings was given a wrong rate. Less may
-# be what was waiting to be read when it was opened.
-RATE_S, RATE_OFF = 5.0, 1.1
+# A device that sends so many times the stated readings was given a wrong rate. As many as in some seconds may have been
+# waiting to be read when it was opened.
+RATE_OFF, WAITED_S = 1.1, 3.0
 # So many gaps and connections are remembered until the times of readings tell of them.
 REMEMBERED = 1000
 # Bytes that make no sample for so long are kept as they are; that they make none is said then, and so often.
@@ -241,9 +241,9 @@ class Acquisition:
         passed_s = 0.0 if self._since_s is None else now - self._since_s
         # A rate that is no setting is the maker's, and a recording is read as fast as it goes.
         rate_hz = self.cell.rate_hz if "rate_hz" in self.cell.values and recorded is None else None
-        if rate_hz is not None and passed_s >= RATE_S and self._got > RATE_OFF * rate_hz * passed_s:
+        if rate_hz is not None and self._got > rate_hz * max(RATE_OFF * passed_s, passed_s + WAITED_S):
             raise DriverError(
-                f"{self.cell.name} sends {self._got / passed_s:.4g} readings a second",
+                f"{self.cell.name} sends {self._got / max(passed_s, CHUNK_S):.4g} readings a second",
                 f"{rate_hz:g}, as rate_hz says",
                 "Give the rate that is set at the device with --set rate_hz=RATE, and log anew",
             )
