@@ -7,6 +7,7 @@ a command that is carried out late does more harm than one that has to be given 
 from __future__ import annotations
 
 import json
+import logging
 import math
 import time
 from collections.abc import Mapping
@@ -29,6 +30,9 @@ _MOST_BYTES = 1 << 16
 _NOT_NOW = frozenset({401, 403, 408, 421, 429, 503})
 # After a refusal that does, posts are sent for so long before it is tried again.
 POSTING_S = 30.0
+# A lost connection is told by what it raises. Of a ping that failed with it, the library would print a traceback.
+_QUIET = logging.getLogger(__name__)
+_QUIET.addHandler(logging.NullHandler())
 
 
 @dataclass(frozen=True)
@@ -179,6 +183,7 @@ class LiveSocket:
                     open_timeout=TIMEOUT_S,
                     close_timeout=TIMEOUT_S,
                     max_size=_MOST_BYTES,
+                    logger=_QUIET,
                 )
             )
             self.connections += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -29,6 +30,9 @@ _USUAL_BEAT_S = 5.0
 _INTERNAL = ("heartbeat", "resume")
 _NEEDED = {"hello": ("after", "heartbeat_s")}
 _MOST_BYTES = 64 << 20
+# A lost connection is told by what it raises. Of a ping that failed with it, the library would print a traceback.
+_QUIET = logging.getLogger(__name__)
+_QUIET.addHandler(logging.NullHandler())
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +137,7 @@ def _connected(
                     open_timeout=_CONNECT_S,
                     close_timeout=_CLOSE_S,
                     max_size=_MOST_BYTES,
+                    logger=_QUIET,
                     proxy=None,
                 )
                 socket = stack.enter_context(connection)

@@ -104,6 +104,8 @@ def lay_notes(levels: tuple[Level, ...], notes: Sequence[Note]) -> LaidNotes:
     layout = lay(levels, notes)
     loads = (notes[i] for i in layout.not_found if notes[i].kind == "load")
     lost = [f"line {note.line} was found on no plateau: {said(note)}" for note in loads]
+    if unnamed := [laid.level + 1 for laid in layout.plateaus if laid.kind == "skip" and laid.note is None]:
+        lost.append(f"no line was found for {counted(len(unnamed), 'plateau')}: {', '.join(map(str, unnamed))}")
     return LaidNotes(levels, chosen(layout, notes), lost)
 
 
