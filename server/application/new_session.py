@@ -104,8 +104,9 @@ def lay_notes(levels: tuple[Level, ...], notes: Sequence[Note]) -> LaidNotes:
     layout = lay(levels, notes)
     loads = (notes[i] for i in layout.not_found if notes[i].kind == "load")
     lost = [f"line {note.line} was found on no plateau: {said(note)}" for note in loads]
-    if unnamed := [laid.level + 1 for laid in layout.plateaus if laid.kind == "skip" and laid.note is None]:
-        lost.append(f"no line was found for {counted(len(unnamed), 'plateau')}: {', '.join(map(str, unnamed))}")
+    unnamed = [str(laid.level + 1) for laid in layout.plateaus if laid.kind == "skip" and laid.note is None]
+    if unnamed:
+        lost.append(f"no line of the notebook names plateau {', '.join(unnamed)}: left out")
     return LaidNotes(levels, chosen(layout, notes), lost)
 
 

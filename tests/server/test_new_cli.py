@@ -52,6 +52,16 @@ def test_a_session_comes_of_a_recording_and_a_notebook(lab: Path, tmp_path: Path
     assert "has a session already" in refused("new", lab / "rig.csv", "--out", first, *given, *rig)
 
 
+def test_plateaus_that_no_line_names_are_told(lab: Path, tmp_path: Path) -> None:
+    lines = (lab / "notes.txt").read_text("utf-8").splitlines()
+    (tmp_path / "short.txt").write_text("\n".join(lines[:-3]), "utf-8")
+    given = ["--notes", tmp_path / "short.txt", "--setup", lab / "setup.yaml", "--posture", POSTURE, "--yes"]
+    body = answered("new", lab / "rig.csv", "--out", tmp_path / "out", *given)
+    left_out = [line for line in body["notes"] if line.startswith("no line of the notebook names plateau")]
+    assert (body["cases"], len(left_out)) == (13, 1)
+    assert len(left_out[0].split(",")) == 3
+
+
 def test_a_finger_of_ones_own_goes_along(lab: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig"
     rig.mkdir()
