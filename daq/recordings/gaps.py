@@ -22,6 +22,8 @@ AROUND, AROUND_S = 24, 0.25
 NEAR = 4
 # Late ones follow each other faster than usual: in less than this share of the usual time.
 CATCHING_UP = 0.5
+# The usual interval of late readings is known within this share.
+PACE_OFF = 0.05
 # So many readings tell the usual interval; a recording of fewer than these is not judged.
 LEARNT_FROM, ENOUGH, FEW = 1000, 20, 5
 # It is the median where this share of intervals are multiples of it within this tolerance; else the mean over so many.
@@ -76,17 +78,22 @@ class GapFinder:
             late_s = t - self.interval_s * np.arange(len(t))
             wide = np.flatnonzero(steps[self._judged - 1 :] > GAP_INTERVALS * self.interval_s) + self._judged
             for i in wide.tolist():
+                before = late_s[max(i - around, self._since) : i]
+                least_s = 0.0
                 near = (*even[max(i - 1 - NEAR, self._since) : i - 1], *even[i : i + NEAR])
                 if evenly and i + NEAR < len(t) and all(near):
                     # Even times need no others; a pace that is a little off would count with more of them.
                     missing_s = steps[i - 1] - self.interval_s
-                elif (after_s := self._after(late_s, i, around, ended=ended)) is not None:
-                    missing_s = after_s - late_s[max(i - around, self._since) : i].min()
+                elif (after := self._after(late_s, i, around, ended=ended)) is not None:
+                    after_s, caught_up_s = after
+                    missing_s = after_s - before.min()
+                    # As much as readings come late anyway may be more of that: a machine is busy for a while.
+                    least_s = max(float(np.ptp(before)), PACE_OFF * caught_up_s)
                 else:
                     upto = i
                     break
                 lost = int(max(missing_s, 0.0) / self.interval_s + 1.0 - MISSING)
-                if lost > 0:
+                if lost > 0 and missing_s >= least_s:
                     out.append(Gap(float(t[i - 1]), float(t[i]), lost))
                     self._since = i
                 else:
@@ -98,19 +105,22 @@ class GapFinder:
         self._held, self._judged, self._since = t[dropped:], upto - dropped, max(self._since - dropped, 0)
         return out
 
-    def _after(self, late_s: Floats, i: int, around: int, *, ended: bool) -> float | None:
-        """Return how late the readings from i on are at least [s], once they come at the usual pace; else None."""
+    def _after(self, late_s: Floats, i: int, around: int, *, ended: bool) -> tuple[float, float] | None:
+        """Return how late the readings from i on are at least [s], once they come at the usual pace; else None.
+
+        Beside it is how long [s] the readings were taken for which came faster until then.
+        """
         at, last, slow_s = i, len(late_s) - 1, CATCHING_UP * self.interval_s
         while at + around <= last:
             end = at + around
             if late_s[at] - late_s[end] <= around * slow_s:
-                return float(late_s[i : end + 1].min())
+                return float(late_s[i : end + 1].min()), (at - i) * self.interval_s
             at = end
         if not ended:
             return None
         # Readings that were still catching up when the recording ended tell of nothing that is missing.
         still = late_s[at] - late_s[last] > (last - at) * slow_s
-        return -np.inf if still else float(late_s[i:].min())
+        return -np.inf if still else float(late_s[i:].min()), (at - i) * self.interval_s
 
 
 def _usual(t_s: Floats, steps: Floats) -> tuple[float, bool]:

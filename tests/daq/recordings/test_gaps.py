@@ -116,3 +116,28 @@ def test_few_readings_or_equal_times_are_judged_without_a_fault() -> None:
     assert gaps_of(np.zeros(0))[0] == gaps_of(np.zeros(1))[0] == gaps_of(np.zeros(50))[0] == []
     assert gaps_of(np.array([0.0, 1.0, 2.0, 3.0, 7.0]), 1)[0] == [Gap(3.0, 7.0, 3)]
     assert gaps_of(np.array([0.0, 1.0, 2.0, 9.0, 10.0]), 2)[0] == [Gap(2.0, 9.0, 6)]
+
+
+def polled(rng: np.random.Generator, wait_s: float) -> tuple[Floats, Floats]:
+    """Times of 4000 readings at 200 Hz (n,), and when a busy machine takes them (n,) [s]: at times it is stalled."""
+    taken, now = [], 0.0
+    while now < 20.1:
+        stall_s = rng.exponential(0.3) if rng.random() < 0.002 else 0.0
+        now += rng.exponential(wait_s) + stall_s
+        taken.append(now)
+    read = np.arange(4000) / 200.0
+    return read, np.array(taken)[np.searchsorted(taken, read)]
+
+
+@pytest.mark.parametrize("wait_s", [0.005, 0.02, 0.05])
+def test_readings_that_a_busy_machine_takes_late_are_hardly_ever_called_lost_and_a_lost_second_always_is(
+    wait_s: float,
+) -> None:
+    false = 0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        read, taken = polled(rng, wait_s)
+        false += len(gaps_of(taken, 20)[0])
+        found, _ = gaps_of(taken[(read < 8.0) | (read >= 9.0)], 20)
+        assert 100 <= max(g.lost for g in found) <= 250
+    assert false <= 1
