@@ -28,6 +28,8 @@ PACE_OFF = 0.05
 LEARNT_FROM, ENOUGH, FEW = 1000, 20, 5
 # It is the median where this share of intervals are multiples of it within this tolerance; else the mean over so many.
 EVEN_SHARE, EVEN, SPAN, SPAN_OFF = 0.75, 0.1, 100, 0.25
+# The same tolerance where the mean is longer than that, as where many readings are lost.
+EXACT = 0.01
 
 
 class Gap(NamedTuple):
@@ -73,27 +75,17 @@ class GapFinder:
         upto = len(t)
         if self.interval_s > 0.0:
             around = max(AROUND, int(AROUND_S / self.interval_s))
-            even = np.abs(steps - self.interval_s) <= EVEN * self.interval_s
+            even = np.abs(steps - self.interval_s) <= EVEN * self.interval_s if evenly else None
             # By how much each reading comes later than after as many usual intervals.
             late_s = t - self.interval_s * np.arange(len(t))
             wide = np.flatnonzero(steps[self._judged - 1 :] > GAP_INTERVALS * self.interval_s) + self._judged
             for i in wide.tolist():
-                before = late_s[max(i - around, self._since) : i]
-                least_s = 0.0
-                near = (*even[max(i - 1 - NEAR, self._since) : i - 1], *even[i : i + NEAR])
-                if evenly and i + NEAR < len(t) and all(near):
-                    # Even times need no others; a pace that is a little off would count with more of them.
-                    missing_s = steps[i - 1] - self.interval_s
-                elif (after := self._after(late_s, i, around, ended=ended)) is not None:
-                    after_s, caught_up_s = after
-                    missing_s = after_s - before.min()
-                    # As much as readings come late anyway may be more of that: a machine is busy for a while.
-                    least_s = max(float(np.ptp(before)), PACE_OFF * caught_up_s)
-                else:
+                missing_s = self._missing_s(late_s, even, i, around, ended=ended)
+                if missing_s is None:
                     upto = i
                     break
-                lost = int(max(missing_s, 0.0) / self.interval_s + 1.0 - MISSING)
-                if lost > 0 and missing_s >= least_s:
+                lost = int(missing_s / self.interval_s + 1.0 - MISSING)
+                if lost > 0:
                     out.append(Gap(float(t[i - 1]), float(t[i]), lost))
                     self._since = i
                 else:
@@ -104,6 +96,30 @@ class GapFinder:
         dropped = max(dropped, 0)
         self._held, self._judged, self._since = t[dropped:], upto - dropped, max(self._since - dropped, 0)
         return out
+
+    def _missing_s(
+        self, late_s: Floats, even: NDArray[np.bool_] | None, i: int, around: int, *, ended: bool
+    ) -> float | None:
+        """Return how much time is missing before reading i [s]; 0 where it may be late alone, None where none can tell.
+
+        Args:
+            late_s: by how much each reading comes later than after as many usual intervals (n,) [s].
+            even: which steps are the usual interval (n - 1,); None where the times are not even.
+            i: the first reading after a wide interval.
+            around: readings on each side that tell.
+            ended: whether no more readings come.
+        """
+        near = () if even is None else (*even[max(i - 1 - NEAR, self._since) : i - 1], *even[i : i + NEAR])
+        if even is not None and i + NEAR < len(late_s) and all(near):
+            # Even times need no others; a pace that is a little off would count with more of them.
+            return float(late_s[i] - late_s[i - 1])
+        after = self._after(late_s, i, around, ended=ended)
+        if after is None:
+            return None
+        before, (after_s, caught_up_s) = late_s[max(i - around, self._since) : i], after
+        missing_s = after_s - float(before.min())
+        # As much as readings come late anyway may be more of that: a machine is busy for a while.
+        return missing_s if missing_s >= max(float(np.ptp(before)), PACE_OFF * caught_up_s) else 0.0
 
     def _after(self, late_s: Floats, i: int, around: int, *, ended: bool) -> tuple[float, float] | None:
         """Return how late the readings from i on are at least [s], once they come at the usual pace; else None.
@@ -133,8 +149,11 @@ def _usual(t_s: Floats, steps: Floats) -> tuple[float, bool]:
     # Spans that hold a long gap, or many readings that came late together, tell nothing of the pace.
     usual = np.quantile(spans, 0.5, method="lower")
     mean = float(spans[np.abs(spans - usual) <= SPAN_OFF * usual].mean()) / count
-    # Even times are multiples of one interval. Within a burst of late readings they are too, far shorter than the mean.
+    # Even times are multiples of one interval. So are those that a timer makes of another pace, or a burst of late
+    # readings, but less exactly; and that interval is shorter than the mean.
     multiples = np.maximum(np.rint(steps / middle), 1.0) if middle > 0.0 else np.inf
-    alike = np.count_nonzero(np.abs(steps - multiples * middle) <= EVEN * middle)
+    off = np.abs(steps - multiples * middle)
+    within = EVEN if mean <= (1.0 + EVEN) * middle else EXACT
+    alike = np.count_nonzero(off <= within * middle)
     even = bool(alike >= EVEN_SHARE * len(steps) and mean < 2.0 * middle)
     return (middle, True) if even else (mean, False)

@@ -141,3 +141,12 @@ def test_readings_that_a_busy_machine_takes_late_are_hardly_ever_called_lost_and
         found, _ = gaps_of(taken[(read < 8.0) | (read >= 9.0)], 20)
         assert 100 <= max(g.lost for g in found) <= 250
     assert false <= 1
+
+
+def test_a_poll_a_little_faster_than_the_readings_loses_none_of_them() -> None:
+    """At each poll there is one reading or none: most intervals are the poll's, the others twice as long."""
+    polls = np.cumsum(np.random.default_rng(1).uniform(0.00403, 0.00431, 6000))
+    read = np.arange(4000) / 200.0
+    found, finder = gaps_of(polls[np.searchsorted(polls, read)], 20)
+    assert found == []
+    assert finder.interval_s == pytest.approx(0.005, rel=0.01)
