@@ -10,7 +10,6 @@ import contextlib
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -21,10 +20,10 @@ from daq.acquisition.blocks import Chunk
 from daq.acquisition.gathering import Gathered, Listening
 from daq.acquisition.records import Kind, Record, StreamEvent
 from daq.acquisition.sample_clock import LOST_S, SampleClock
-from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples, steps_from
+from daq.acquisition.stream_gaps import StreamGaps, Told
+from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
-from daq.recordings.gaps import Gap, GapFinder
 
 CHUNK_S = 0.1
 # Longer silence is one; then a new connection is tried.
@@ -38,8 +37,6 @@ REST_S, REST_READS = 0.01, 3
 # A device that sends so many times the stated readings was given a wrong rate. As many as in some seconds may have been
 # waiting to be read when it was opened.
 RATE_OFF, WAITED_S = 1.1, 3.0
-# So many gaps and connections are remembered until the times of readings tell of them.
-REMEMBERED = 1000
 # Bytes that make no sample for so long are kept as they are; that they make none is said then, and so often.
 UNDECODED_S, SAID_AGAIN_S = 0.5, 10.0
 
@@ -93,13 +90,7 @@ class Acquisition:
         self._got = 0
         self._said_undecoded_s = -SAID_AGAIN_S
         self._overloaded = False
-        self._last_sequence: int | None = None
-        # Gaps by the times of readings. Where a device counts, they are told only of the first reading of a connection,
-        # and where time was set forward.
-        self._finder = GapFinder()
-        self._counts = False
-        self._joined_s: deque[float] = deque(maxlen=REMEMBERED)
-        self._told_s: deque[float] = deque(maxlen=REMEMBERED)
+        self._gaps = StreamGaps()
 
     def go_on_from(self, first_seq: int, last_s: float, from_s: float) -> None:
         """Number samples and tell time as of a stream that broke off; before `start`.
@@ -111,7 +102,7 @@ class Acquisition:
         """
         self._next_seq, self._from_s = first_seq, from_s
         self._clock = SampleClock(self.cell.rate_hz, last_s, self.cell.held_back)
-        self._finder.take(np.array([last_s]))
+        self._gaps.go_on_from(last_s)
 
     def start(self) -> None:
         """Connect, make the device stream, and read on in the background.
@@ -190,7 +181,7 @@ class Acquisition:
                         self.cell.stop(transport)
                     transport.close()
                 ended = self._event("ended", samples=self._next_seq)
-                self._hand_on(None, [*self._missed(self._finder.finish()), ended])
+                self._hand_on(None, [*self._gap_events(self._gaps.finish()), ended])
             finally:
                 self._done.set()
 
@@ -274,7 +265,7 @@ class Acquisition:
             times = decoded.device_s + self._from_s
         else:
             times = self._clock.times(decoded, now, len(data))
-        gathered.events += self._counted(decoded, times)
+        gathered.events += self._gap_events(self._gaps.counted(decoded, times, self._clock))
         if self.live is not None:
             self.live(times, decoded)
         gathered.samples.append(decoded)
@@ -290,40 +281,9 @@ class Acquisition:
             gathered.events.append(StreamEvent("overload_ended", float(times[-1]), self._wall()))
             self._overloaded = False
 
-    def _counted(self, decoded: Samples, times: NDArray[np.float64]) -> list[StreamEvent]:
-        """Find missing samples by the device's own count, and where that count or the device's clock began anew."""
-        clock = self._clock
-        told: list[tuple[float, dict[str, Any]]] = [
-            (float(times[at]), {"lost_s": round(lost_s, 4), "counted": False, "restarted": True})
-            for at, lost_s in clock.breaks
-            if at in clock.restarted
-        ]
-        self._told_s.extend(at_s for at_s, _ in told)
-        if clock.jumped_s:  # which no count tells: the device is slower than its stated rate
-            self._joined_s.append(float(times[0]))
-        if decoded.sequence is not None:
-            if self._last_sequence is None:
-                self._counts = True
-                self._joined_s.append(float(times[0]))
-            before = decoded.sequence[0] - 1 if self._last_sequence is None else self._last_sequence
-            missing = steps_from(before, decoded.sequence) - 1
-            if clock.restarted:
-                missing[clock.restarted] = 0  # a count that begins anew tells nothing of what was lost
-            self._last_sequence = int(decoded.sequence[-1])
-            told += [(float(times[at]), {"lost_samples": int(missing[at]), "counted": True})
-                     for at in np.flatnonzero(missing > 0)]  # fmt: skip
+    def _gap_events(self, told: list[Told]) -> list[StreamEvent]:
+        """Return events of gaps."""
         return [StreamEvent("gap", at_s, self._wall(), value) for at_s, value in told]
-
-    def _missed(self, gaps: list[Gap]) -> list[StreamEvent]:
-        """Return events of gaps by the times of readings, as `check` finds them, where the device tells nothing."""
-        untold = [g for g in gaps if (g.end_s in self._joined_s if self._counts else g.end_s not in self._told_s)]
-        return [
-            StreamEvent("gap", g.end_s, self._wall(), {
-                "lost_s": round(g.end_s - g.start_s - self._finder.interval_s, 4),
-                "lost_samples": g.lost, "counted": False, "restarted": False,
-            })
-            for g in untold
-        ]  # fmt: skip
 
     def _say(self, gathered: Gathered) -> None:
         """Hand on what happened, before there is a sample to hand on with it."""
@@ -350,7 +310,7 @@ class Acquisition:
                 events.append(self._event("undecoded", bytes=len(raw), looks=looks_like(raw)))
                 self._said_undecoded_s = self._now()
         times = np.concatenate(gathered.times)
-        events += self._missed(self._finder.take(times))
+        events += self._gap_events(self._gaps.timed(times))
         chunk = Chunk(
             self._next_seq,
             times,
@@ -408,7 +368,7 @@ class Acquisition:
                 continue
             # A device that was switched off counts from the start; what it did meanwhile nobody knows.
             self._clock.restart()
-            self._last_sequence = None
+            self._gaps.reconnected()
             value = {"away_s": round(self._now() - gone_s, 3), "tries": tries}
             # Before what was heard since.
             self._hand_on(None, [StreamEvent("reconnected", back_s, self._wall(), value)])
