@@ -98,8 +98,7 @@ def diagnose_pooled(
     p_other = p_apart * float(np.prod([d.posterior.p_beyond for d in diagnoses]))
     verdict = judge_together(names, diagnoses, ranking, (p_apart, p_nothing, p_other), rests_on)
     # What all share by name is known to act in each, too: a law that nobody listed is looked for beside it.
-    found_together = [e.explanation for e in ranking if verdict.kind == "found" and set(e.names) == set(verdict.names)]
-    known = [s.known(next(iter(found_together), None)) for s in specimens]
+    known = [s.known(verdict.effect.explanation if verdict.effect else None) for s in specimens]
     shared = shared_finding(names, known, permutations, lambda done: tell(0.7 + 0.3 * done))
     if shared is not None and shared.laws:
         k = int(np.argmax(shared.curve.left_out_gain))

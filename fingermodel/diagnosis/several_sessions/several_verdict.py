@@ -84,6 +84,7 @@ class PooledVerdict:
         sentence: in plain words.
         short: what was short of a stronger verdict.
         rests_on: sessions without which what is shared would not be sure.
+        effect: that is found.
     """
 
     kind: Kind
@@ -92,6 +93,7 @@ class PooledVerdict:
     sentence: str
     short: tuple[str, ...] = ()
     rests_on: tuple[str, ...] = ()
+    effect: SharedEffect | None = None
 
 
 def judge_together(
@@ -131,7 +133,7 @@ def judge_together(
         but = f" In {words(other)} its law would have to be another." if other else ""
         p = min(included[n] for n in sure)
         text = f"Found in all sessions together: {words(sure)}, {_sizes(exact)}.{also}{but}"
-        return PooledVerdict("found", sure, min(p, 1.0), text, (), tuple(rests_on))
+        return PooledVerdict("found", sure, min(p, 1.0), text, (), tuple(rests_on), exact)
     if p_apart >= SURE:
         kinds = {d.verdict.kind for d in diagnoses}
         if kinds == {"nothing_missing"}:
