@@ -80,8 +80,19 @@ def plan(
     """Plan a bench day: scale a finger, choose postures and loads, write the sheet to tick (asks for what it lacks)."""
     from server.commands.plan import PlanOptions, plan_bench
 
-    lengths = (bone or [], moment_arm or [], reference or [])
-    plan_bench(PlanOptions(out, finger, *lengths, protocol, loads, posture or [], only or [], title), json)
+    options = PlanOptions(
+        out=out,
+        finger=finger,
+        bones=bone or [],
+        moment_arms=moment_arm or [],
+        references=reference or [],
+        protocol=protocol,
+        loads=loads,
+        postures=posture or [],
+        only=only or [],
+        title=title,
+    )
+    plan_bench(options, json)
 
 
 @app.command(rich_help_panel=STUDY)
