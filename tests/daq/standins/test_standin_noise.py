@@ -15,31 +15,11 @@ from daq.recordings.readings import ReadingBlock
 from daq.standins.faults import Faults
 from daq.standins.noise import Disturbance, Disturber
 from daq.standins.run import Player
+from tests.daq.standins.heard import Heard
 
 Floats = NDArray[np.float64]
 RATE = 1000.0
 LOAD: Floats = np.array([0.0, 0.0, 10.0, 0.0, 0.0, 0.0])
-
-
-class Heard:
-    """A wire that keeps what is sent."""
-
-    address = "nowhere"
-
-    def __init__(self) -> None:
-        self.data = b""
-
-    def receive(self) -> bytes:
-        return b""
-
-    def send(self, records: list[bytes]) -> None:
-        self.data += b"".join(records)
-
-    def pull(self) -> None: ...
-
-    def plug_in(self) -> None: ...
-
-    def close(self) -> None: ...
 
 
 def played(seconds: float, portions: int = 7, **given: Any) -> Floats:

@@ -23,6 +23,7 @@ from daq.standins.faults import Faults
 from daq.standins.robotiq import RobotiqStandIn
 from daq.standins.run import Player, resampled
 from daq.standins.wires import PtyWire, TcpWire, Wire
+from tests.daq.standins.heard import Heard
 
 RATE = 100.0
 
@@ -117,30 +118,9 @@ def test_a_pulled_cable_comes_back(tmp_path: Path) -> None:
         assert len(got) > 60, name
 
 
-class Kept:
-    """A wire that keeps what is sent, and for which a pulled cable is nothing."""
-
-    address = "nowhere"
-
-    def __init__(self) -> None:
-        self.data = b""
-
-    def receive(self) -> bytes:
-        return b""
-
-    def send(self, records: list[bytes]) -> None:
-        self.data += b"".join(records)
-
-    def pull(self) -> None: ...
-
-    def plug_in(self) -> None: ...
-
-    def close(self) -> None: ...
-
-
 @pytest.mark.parametrize("name", ["gauge-volts", "optoforce", "robotiq-ft300", "text-lines"])
 def test_after_a_pulled_cable_a_device_streams_as_when_it_was_switched_on(name: str) -> None:
-    device, wire, now = stand_in(name)(), Kept(), [0.0]
+    device, wire, now = stand_in(name)(), Heard(), [0.0]
     at_first = device.streaming
     player = Player(device, wire, [played(5.0)], Faults(pulled_every_s=1.0, pulled_for_s=0.5), clock=lambda: now[0])
     sent = []
