@@ -93,6 +93,12 @@ class ParameterTable:
         free: NDArray[np.bool_] = self.sd > 0.0
         return free
 
+    @property
+    def fixed_elsewhere(self) -> list[str]:
+        """Sentences on parameters that every fit holds at another value than the finger's file has."""
+        fixed = [p for p in self.parameters if p.sd == 0.0 and p.centre not in (None, p.initial)]
+        return [f"{p.name} is {p.initial:g} in the finger's file; every fit holds it at {p.centre:g}." for p in fixed]
+
     def of_kind(self, kind: Kind) -> NDArray[np.bool_]:
         """Which parameters are of a kind."""
         return np.array([p.kind == kind for p in self.parameters], dtype=bool)

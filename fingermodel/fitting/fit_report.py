@@ -175,7 +175,7 @@ def describe(
         weighted=problem.weighted,
         errors=errors,
     )
-    return _with_message(fit)
+    return _with_message(fit, table.fixed_elsewhere)
 
 
 @dataclass(frozen=True)
@@ -246,7 +246,7 @@ def _correlated(names: tuple[str, ...], covariance: Floats) -> tuple[tuple[str, 
     return tuple(sorted(found, key=lambda pair: -abs(pair[2])))
 
 
-def _with_message(fit: Fit) -> Fit:
+def _with_message(fit: Fit, fixed: Sequence[str]) -> Fit:
     parts = {
         "converged": "Converged.",
         "stalled": "Stopped where rounding hides further progress; the values hold, their uncertainties may not.",
@@ -259,7 +259,7 @@ def _with_message(fit: Fit) -> Fit:
             f"The misfit is {fit.objective:.0f} where noise and priors leave about {fit.residuals}: the model lacks "
             "something, or the stated uncertainties are too small."
         )
-    text += _said_of(fit.errors)
+    text += [*fixed, *_said_of(fit.errors)]
     seen = [p for p in fit.parameters if p.at_bound]
     null = [p.name for p in seen if p.kind == "effect" and p.value == p.initial]
     bound = [p.name for p in seen if p.name not in null]

@@ -125,6 +125,8 @@ def test_a_wrong_name_is_met_with_the_right_one() -> None:
 def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Path) -> None:
     bench = Session.open("synek2019_H02", catalogue=False)
     fit = refit_map(stated_problem(bench.model, bench.observations))
+    # The published identification held this share at half; predictions before any fit need all of it.
+    assert "fraction.RI_EM is 1 in the finger's file; every fit holds it at 0.5." in fit.message
     after = compare(bench.model, bench.observations, fit.theta)
     document = revision_document(bench.model, fit, bench.loaded.parent, "synek2019_H02", {}, after.summary(), None)
     path = free_path(tmp_path, "synek2019_H02")

@@ -38,8 +38,8 @@ def _with_sd(of: tuple[float, float]) -> dict[str, Any]:
 
 
 def remarks(d: Diagnosis) -> list[str]:
-    """Say what repeatability, budget, anatomy and noise the readings want; nothing where the session has a fault."""
-    out, posterior = list[str](), d.posterior
+    """Say what fits hold fixed elsewhere, and what repeatability, budget, anatomy and noise the readings want."""
+    out, posterior = d.session.model.parameters.fixed_elsewhere, d.posterior
     if d.faults:
         return out  # what they cause says nothing of the rig
     if d.trend and d.trend.sentence not in d.verdict.short:
