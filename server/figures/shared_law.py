@@ -263,6 +263,15 @@ def _fall(errors: Answer) -> str:
     return " → ".join(shown(errors, key, 3) for key in ("before", "after"))
 
 
+def _law_sections(answer: Answer, drawn: Plot | str) -> list[Section]:
+    """Return what the curve resembles, with the law's figure, and what would decide."""
+    tables = laws_tables(answer) or ("None helps a session that it is not learned from.",)
+    return [
+        Section("Which law it resembles", [*tables, drawn]),
+        Section("What would decide", _deciding(part(answer, "shared"))),
+    ]
+
+
 # Figures of several sessions by name, each with its caption.
 FIGURES = {
     "shared_curve": (curve_figure, "Beside each session's anatomy, budget, noise and scatter."),
@@ -293,13 +302,6 @@ def shared_sections(answer: Answer) -> list[Section]:
                 picture("shared_chance"),
             ],
         ),
-        Section(
-            "Which law it resembles",
-            [
-                *(laws_tables(answer) or ("None helps a session that it is not learned from.",)),
-                picture("shared_law"),
-            ],
-        ),
-        Section("What would decide", _deciding(shared)),
+        *(_law_sections(answer, picture("shared_law")) if shared.get("found") or rows(shared, "laws") else ()),
         Section("Each by itself", [f"{name}: {part(each, name).get('sentence')}" for name in each]),
     ]

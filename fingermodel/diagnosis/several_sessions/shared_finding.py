@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import SHARED_P, SURE
+from fingermodel.diagnosis.settings import SHARED_P, SURE, SUSPECT
 from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
 from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
@@ -29,7 +29,7 @@ class SharedFinding:
         curves: of each stage, the most evident first.
         observed: what sharing gains at most over not sharing, in ln evidence.
         shuffled: (shuffles,) the same with tendons and signs of the sessions shuffled.
-        laws: that the leading curve resembles, best first, and
+        laws: that the leading curve resembles, best first; none where it is improbable that it is shared; and
         law_curves: (laws, parts, postures) each as the leading curve would show it.
         deciding: readings that would part them, best first, on a specimen like `decided_on`.
         decided_between: formulas of those laws.
@@ -185,7 +185,9 @@ def shared_finding(
     found, (leading, search) = [curve for curve, _ in pairs], pairs[0]
     told(0.2)
     observed, shuffled = permuted(searches, permutations, lambda done: told(0.2 + 0.6 * done))
-    laws = shared_laws(fits, leading.nodes)
+    # A curve that each session has of its own resembles laws by chance.
+    likely = float(expit(leading.log_evidence)) >= SUSPECT
+    laws = shared_laws(fits, leading.nodes) if likely else ()
     as_curves = np.array([search.shown_by(leading, law.changes) for law in laws]).reshape(-1, *leading.mean.shape)
     told(1.0)
     return SharedFinding(tuple(sessions), tuple(found), observed, shuffled, laws, as_curves)
