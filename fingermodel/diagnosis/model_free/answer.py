@@ -21,9 +21,10 @@ Verdict = Literal["holds", "violated", "not_tested"]
 Rows = NDArray[np.bool_]
 
 VIOLATED_BELOW = 1e-3
-# Where no reading states its noise, its size is log-normal by this factor.
+# Where no reading states its noise, its size is log-normal by this factor: multiples of its variance, with weights.
 _NOISE_FACTOR = 2.0
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(21)
+_SIZES, _SHARES = _NOISE_FACTOR ** (2.0 * _NODES), _WEIGHTS / _WEIGHTS.sum()
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,8 @@ class Residuals:
         value = covariance @ score
         statistic = float(score @ value)
         test = self._test(what, statistic, int(np.linalg.matrix_rank(information, hermitian=True)))
-        return Estimate(test, value, np.sqrt(np.diag(covariance)), statistic / max(self.chi2, 1e-300))
+        sd = self._widened * np.sqrt(np.diag(covariance))
+        return Estimate(test, value, sd, statistic / max(self.chi2, 1e-300))
 
     def factor(self, pattern: Floats) -> tuple[float, float]:
         """How much of a pattern (k,) they contain, and its standard deviation.
@@ -137,15 +139,19 @@ class Residuals:
         """
         by_noise = cho_solve((root_of(self.noise), True), pattern)
         weight = by_noise / float(pattern @ by_noise)
-        return float(weight @ self.value), float(np.sqrt(weight @ self.covariance @ weight))
+        return float(weight @ self.value), self._widened * float(np.sqrt(weight @ self.covariance @ weight))
+
+    @property
+    def _widened(self) -> float:
+        """By how much noise of unknown size widens a standard deviation."""
+        return float(np.sqrt(_SIZES @ _SHARES)) if self.noise_assumed else 1.0
 
     def _test(self, what: str, statistic: float, freedom: int) -> Test:
         if freedom == 0:
             # A pattern that the loads do not show at all.
             return Test(what, 0.0, 0, 1.0)
         if self.noise_assumed:
-            sizes = _NOISE_FACTOR ** (2.0 * _NODES)
-            p = float(chdtrc(freedom, statistic / sizes) @ _WEIGHTS / _WEIGHTS.sum())
+            p = float(chdtrc(freedom, statistic / _SIZES) @ _SHARES)
         else:
             p = float(chdtrc(freedom, statistic))
         return Test(what, statistic, freedom, p)

@@ -208,6 +208,16 @@ def test_scatter_and_an_uncertain_gain_do_not_draw_a_common_factor_down() -> Non
     assert sd == pytest.approx(0.004, rel=0.05)
 
 
+def test_noise_of_unknown_size_widens_what_is_said_of_a_pattern() -> None:
+    """Its size is log-normal by a factor of 2: the mean variance is exp(2 ln² 2) of the usual one."""
+    load, noise = np.linspace(1.0, 9.0, 24), 0.005**2 * np.eye(24)
+    stated, assumed = (Residuals(0.01 * load, noise, noise, noise_assumed=known) for known in (False, True))
+    wider = np.exp(np.log(2.0) ** 2)
+    assert assumed.factor(load) == pytest.approx([0.01, wider * stated.factor(load)[1]])
+    (sd,), (usual,) = (r.along("in proportion", load[:, None]).sd for r in (assumed, stated))
+    assert sd == pytest.approx(wider * usual)
+
+
 def test_what_the_budget_allows_violates_nothing(bench: Session) -> None:
     """Errors of the rig and another specimen, drawn from their priors: no test minds."""
     table = bench.model.parameters
