@@ -49,7 +49,7 @@ def next_cases(
             for c in plan.cases
         ]
         table("Load cases worth running", ["posture", "at", "masses [g]", "nat", "then sure", "parts"], rows)
-    for instrument in plan.instruments:
-        say(f"Or: {instrument}")
+        for instrument in plan.instruments:
+            say(f"Or: {instrument}")
     if path:
         say(f"Frozen: {path}. Measure the cases with the posture set anew, then run fingertwin diagnose again.")

@@ -187,10 +187,9 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     )
     if best:
         text = f"Next: {best[0].as_dict()['text']}."
-    elif instruments:
-        text = f"No available load case separates {' and '.join(names)}; instead, {instruments[0]}."
     else:
-        text = f"No available load case separates {' and '.join(names)}."
+        instead = f"; instead, {'; or '.join(instruments)}" if instruments else ""
+        text = f"No available load case separates {' and '.join(names)}{instead}."
     return Plan(best, {n: float(p) for n, p in zip(names, prior, strict=True)}, instruments, text)
 
 

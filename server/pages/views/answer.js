@@ -57,7 +57,7 @@ export function answer(job, { session, model, add, amend, amendBlocks, keep, pla
     body.hints.length ? panel("Hints: a place and a formula", body.curve ? el("p", {}, body.curve.sentence, " See the figure “What no effect explains”.") : null, body.hints.map((h) => el("p", {}, h.text, " ", el("code", {}, h.effect.formula), " ",
       el("button", { class: "small", onclick: () => keep({ formula: h.effect.formula }) }, "Take it in as an effect")))) : null,
     panel("What to measure next", quiet(body.next_sentence), body.next_cases.length ? next(body, planned) : null,
-      body.instruments.length ? el("p", {}, `Or: ${body.instruments.join("; ")}.`) : null),
+      body.next_cases.length && body.instruments.length ? el("p", {}, `Or: ${body.instruments.join("; ")}.`) : null),
   ];
   queueMicrotask(draw);
   return out;
