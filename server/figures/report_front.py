@@ -40,7 +40,11 @@ def to_do(answer: Answer) -> list[str]:
 
     verdict, session = str(answer.get("verdict")), str(answer.get("session") or "SESSION")
     faults = [f for f in rows(answer, "session_faults") if (value(f.get("probability")) or 0.0) >= 0.5]
-    out = [f"Put the session right first: {fault.get('words')}." for fault in faults]
+    out = [
+        f"Put the session right first: {fault.get('words')}."
+        + (f" To be sure, {fault['settled_by']}." if fault.get("settled_by") else "")
+        for fault in faults
+    ]
     for suspect in rows(answer, "suspects"):
         like = next((str(r.get("words")) for r in rows(suspect, "reads_like") if r.get("words")), "")
         look = f"it reads like this: {like}. Amend it" if like else "nothing known explains it. Read its notes"

@@ -113,7 +113,9 @@ def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
     session = Recorded(tmp_path)
     gain_of(session, "bone", 1.4)
     session.write()
-    (fault,) = diagnosed(tmp_path)["session_faults"]
+    found = diagnosed(tmp_path)
+    assert "To be sure, hang a known weight on the cell at both mounts; then correct the session." in found["sentence"]
+    (fault,) = found["session_faults"]
     said, value = fault["words"].rsplit(" ", 1)
     assert said == "the cell at the bone has a gain of"
     assert float(value) == pytest.approx(1.4, abs=0.03)

@@ -17,6 +17,7 @@ from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.session_model.slips import Explained
 from fingermodel.diagnosis.settings import LIVE, SURE
+from fingermodel.diagnosis.verdict.instruments import fault_remedy
 from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits
@@ -62,7 +63,9 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "ready_made": ready_made(d),
         "suspects": suspects(d),
         "outliers": [d.session.observations.ids[case] for case in d.outliers],
-        "session_faults": [asdict(f) | {"amend": [asdict(a) for a in f.amend]} for f in d.faults],
+        "session_faults": [
+            asdict(f) | {"amend": [asdict(a) for a in f.amend], "settled_by": fault_remedy(f.kind)} for f in d.faults
+        ],
         "beyond": {
             "probability": posterior.p_beyond,
             "amplitude_N": posterior.beyond_newton,
@@ -203,7 +206,8 @@ def sentence(d: Diagnosis) -> str:
         fault = d.faults[0]
         words = f"{fault.words[0].upper()}{fault.words[1:]}"
         return (
-            f"A fault of the whole session (probability {fault.probability:.2f}): {words}. Correct the session first."
+            f"A fault of the whole session (probability {fault.probability:.2f}): {words}. To be sure, "
+            f"{fault_remedy(fault.kind)}; then correct the session."
         )
     titles = {e.name: e.title for e in d.session.model.effects}
     effect_of = {c.name: c.effect for c in d.candidates.all}

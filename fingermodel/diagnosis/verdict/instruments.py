@@ -1,4 +1,4 @@
-"""What measurement would settle an error of the rig; an effect says it of itself, as `shown_by`."""
+"""What would settle an error of the rig or a fault of the session; an effect says it of itself, as `shown_by`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,24 @@ _RIG = {
     "posture_angle": "measure the joint angles of {} again",
     "tension_factor": "pull a known weight through the pulley of {}",
 }
+# By the kind of a fault of the whole session.
+_FAULT = {
+    "tendon_labels": "hang one of these tendons again",
+    "rows": "compare the entries with the notebook, row by row",
+    "side": "look which hand it is",
+    "posture": "measure the joint angles again",
+    "mass_unit": "weigh one of the weights",
+    "axes": "hang a known weight along each axis of the cell",
+    "unit": "hang a known weight on the cell",
+    "gain": "hang a known weight on the cell at both mounts",
+    "weight": "weigh the weights again",
+    "tare": "look whether the recording was tared already",
+}
+
+
+def fault_remedy(kind: str) -> str:
+    """What would settle whether the session has a fault of a kind."""
+    return _FAULT[kind]
 
 
 def rig_remedy(name: str) -> str:

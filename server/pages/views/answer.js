@@ -93,7 +93,7 @@ function suspects(body, base, amend, amendBlocks) {
   });
   const without = (s) => [words(s.verdict_without?.verdict), ...(s.verdict_without?.effects || [])].filter(Boolean).join(", ");
   return [
-    (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}). `,
+    (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}). ${f.settled_by ? `To be sure, ${f.settled_by}. ` : ""}`,
       f.amend?.length ? because("all", "Amend all these cases", `Amend all these cases: ${f.words}`, (why) => amendBlocks(f, why)) : null)),
     body.suspects?.length ? table([
       { title: "load case", cell: (s) => el("a", { href: `${base}/compare?${new URLSearchParams({ case: s.case })}` }, s.case) },

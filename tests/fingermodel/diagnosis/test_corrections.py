@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.verdict.changes import Kind
 from fingermodel.diagnosis.verdict.corrections import Entries
+from fingermodel.diagnosis.verdict.instruments import fault_remedy
 from fingermodel.session import Session
 
 ONE_TARE = "one tare of each mount serves all its cases"
@@ -26,3 +29,8 @@ def test_tares_that_differ_by_no_more_than_noise_are_as_good_as_one(apart_N: flo
     words = {c.words for c in Entries(session, session.problem.centre).corrected()}
     assert (ONE_TARE in words) is offered
     assert any("taken away twice" in said for said in words)
+
+
+@pytest.mark.parametrize("kind", get_args(Kind))
+def test_each_kind_of_fault_says_what_would_settle_it(kind: str) -> None:
+    assert fault_remedy(kind)
