@@ -97,7 +97,7 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
             "p_nothing": posterior.p_nothing,
             "p_beyond": posterior.p_beyond,
             "suspects": [s["probability"] for s in suspects(found)],
-            "misfit": nothing.freed(stated_node(nothing))[0].misfit,
+            "misfit": nothing.misfit(stated_node(nothing)),
             "validation_rmse_N": found.validation_rmse(best),
             "seconds": found.seconds,
         }

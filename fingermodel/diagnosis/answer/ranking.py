@@ -149,7 +149,7 @@ def _strength(fit: Optimum) -> float:
     """How many standard deviations an explanation's parameters together lie from their null."""
     if not fit.explanation.size:
         return 0.0
-    freed, _ = fit.freed(fit.best)
+    freed = fit.freed(fit.best)
     return float(np.sqrt(freed.mean @ np.linalg.solve(freed.covariance, freed.mean)))
 
 

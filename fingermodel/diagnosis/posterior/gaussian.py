@@ -32,7 +32,7 @@ class Quadratic:
         value: misfit at z = 0, the penalty of what is eliminated included.
         gradient: (k,).
         hessian: (k, k).
-        log_det: of all that is eliminated: ln det(1 + w G w).
+        log_det: ln det of the noise and of all that is eliminated: ln det(1 + w G w).
     """
 
     value: float
@@ -103,7 +103,7 @@ class Freed:
 
     Attributes:
         misfit: least, priors' penalty included.
-        log_det: of all that is free.
+        log_det: of the noise and of all that is free.
         mean: (k,) in units of a width of 1.
         covariance: (k, k).
     """
@@ -115,7 +115,7 @@ class Freed:
 
     @property
     def log_evidence(self) -> float:
-        """Without the constant and the noise's own determinant."""
+        """Without the constant."""
         return -0.5 * self.misfit - 0.5 * self.log_det
 
 
@@ -167,7 +167,7 @@ def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_s
         one_sided: (weights,) whose prior is cut at the null.
 
     Returns:
-        (S,) log evidence, without the constant and the noise's own determinant; masses of cut priors taken one by one.
+        (S,) log evidence, without the constant; masses of cut priors taken one by one.
     """
     if not sets:
         return np.zeros(0)

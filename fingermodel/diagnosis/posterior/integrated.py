@@ -29,7 +29,7 @@ class Integrated(Linearised):
             V (k, n), such that the inverse covariance of the whitened readings is 1 - Vᵀ V, and (n,) what is left.
         """
         names = [*self.acting(node), OWN]
-        blocks, residual, _ = self.whitened_at(names, node, None)
+        blocks, residual = self.whitened_at(names, node)
         left = residual + blocks @ self.places(names)
         columns = blocks * self.widths(names, node)
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left

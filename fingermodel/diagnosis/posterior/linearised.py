@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,8 +87,14 @@ class Linearised:
     bad: frozenset[int]
 
     @cached_property
-    def _inner(self) -> dict[tuple[Node, frozenset[int]], Inner]:
+    def _inner(self) -> dict[Node, Inner]:
         return {}
+
+    def but(self, **changed: Any) -> Self:
+        """The same optimum with other readings or bad cases; errors of form stay those that are found here."""
+        other = replace(self, **changed)
+        other.__dict__["form_errors"] = self.form_errors
+        return other
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
@@ -225,26 +232,26 @@ class Linearised:
         """Names of the blocks that act at a node, besides those of effects."""
         return list(self.hyper.block_widths(node))
 
-    def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
-        """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det."""
-        inner = self._inner_at(node, self.bad if bad is None else bad)
+    def quadratic(self, names: Sequence[str], node: Node) -> Quadratic:
+        """Misfit as a function of the weights of some blocks, in their order."""
+        inner = self._inner_at(node)
         # Nodes near each other mostly differ in the widths of the priors alone.
         key = (id(inner), *names)
         found = self._latest.pop(key, None) or self._assembled(inner, names)
         self._latest[key] = found
         if len(self._latest) > _KEPT:
             del self._latest[next(iter(self._latest))]
-        return found, -0.5 * inner.smooth.noise.log_det
+        return found
 
-    def steep(self, node: Node, bad: frozenset[int] | None = None) -> bool:
+    def steep(self, node: Node) -> bool:
         """Whether slopes are so steep at a node that their inner products lose what is small beside the largest."""
-        inner = self._inner_at(node, self.bad if bad is None else bad)
+        inner = self._inner_at(node)
         if inner.steep is None:
             slopes = self._whole(inner, HELD)[:, self._spans[RESIDUAL].stop :]
             inner.steep = float(np.einsum("nk,nk->k", slopes, slopes).max(initial=0.0)) > _STEEP
         return inner.steep
 
-    def among_readings(self, nodes: Sequence[Node], bad: frozenset[int] | None) -> tuple[Floats, Floats, Floats]:
+    def among_readings(self, nodes: Sequence[Node]) -> tuple[Floats, Floats, Floats]:
         """The whitened readings at some nodes, with what acts there as a covariance of theirs.
 
         Where there are fewer readings than weights, this is the smaller way to say the same as `quadratic`.
@@ -261,7 +268,7 @@ class Linearised:
         for _, group in groupby(nodes, lambda node: node[OF_CASES]):
             alike = list(group)
             here = slice(end, end := end + len(alike))
-            inner = self._inner_at(alike[0], self.bad if bad is None else bad)
+            inner = self._inner_at(alike[0])
             blocks = [self.hyper.block_widths(node) for node in alike]
             names = list(dict.fromkeys(name for block in blocks for name in block))
             variances = np.array([[block.get(name, 0.0) for name in names] for block in blocks]) ** 2
@@ -294,19 +301,20 @@ class Linearised:
             for b, of_b in zip(names[: k + 1], spans[: k + 1], strict=True):
                 hessian[of_a, of_b] = self._product(inner, a, b)
                 hessian[of_b, of_a] = hessian[of_a, of_b].T
-        return Quadratic(float(self._product(inner, RESIDUAL, RESIDUAL)[0, 0]), gradient, hessian, 0.0)
+        misfit = float(self._product(inner, RESIDUAL, RESIDUAL)[0, 0])
+        return Quadratic(misfit, gradient, hessian, inner.smooth.noise.log_det)
 
     @cached_property
     def _latest(self) -> dict[tuple[object, ...], Quadratic]:
         return {}
 
-    def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
-        key = (node[OF_CASES], bad)
+    def _inner_at(self, node: Node) -> Inner:
+        key = node[OF_CASES]
         if key not in self._inner:
             # Columns are many times as large as their inner products, and made again in no time.
             for made in self._inner.values():
                 made.blocks.clear()
-            self._inner[key] = Inner(self.session.whitened_smooth(self.hyper.values(node).errors, bad))
+            self._inner[key] = Inner(self.session.whitened_smooth(self.hyper.values(node).errors, self.bad))
         return self._inner[key]
 
     def _whitened(self, inner: Inner, name: str) -> Floats:
@@ -354,14 +362,10 @@ class Linearised:
 
     def whitening(self, node: Node) -> NoiseWhitening:
         """Noise of the fitted readings at a node, by case and of the tares."""
-        return self._inner_at(node, self.bad).smooth.noise
+        return self._inner_at(node).smooth.noise
 
-    def whitened_blocks(self, names: Sequence[str], node: Node) -> Floats:
-        """(n, k) whitened columns of some blocks at a node."""
-        return self.whitened_at(names, node, None)[0]
-
-    def whitened_at(self, names: Sequence[str], node: Node, bad: frozenset[int] | None) -> tuple[Floats, Floats, float]:
-        """(n, k) whitened columns of some blocks, (n,) whitened residual, and minus half the noise's ln det."""
-        inner = self._inner_at(node, self.bad if bad is None else bad)
+    def whitened_at(self, names: Sequence[str], node: Node) -> tuple[Floats, Floats]:
+        """(n, k) whitened columns of some blocks at a node, and (n,) whitened residual."""
+        inner = self._inner_at(node)
         columns = np.concatenate([self._whitened(inner, name) for name in names], axis=1)
-        return columns, self._whitened(inner, RESIDUAL)[:, 0], -0.5 * inner.smooth.noise.log_det
+        return columns, self._whitened(inner, RESIDUAL)[:, 0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -66,56 +66,49 @@ class Optimum(Integrated):
     def _one_sided(self) -> NDArray[np.bool_]:
         return np.asarray(self.session.model.parameters.one_sided[self.parameters_of[OWN]])
 
-    def freed(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> tuple[Freed, float]:
-        """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
-        if self.steep(node, bad):
-            return self._freed_by_columns(node, bad, width)
-        names = [*self.acting(node), OWN]
-        quadratic, of_noise = self.quadratic(names, node, bad)
-        widths, own = self.widths(names, node), self.size(OWN)
-        widths[len(widths) - own :] *= width
-        return quadratic.freed(widths, self.places(names), own), of_noise
-
-    def _freed_by_columns(self, node: Node, bad: frozenset[int] | None, width: float) -> tuple[Freed, float]:
-        """The same by an orthogonal factor of the columns themselves, which takes some times as long."""
+    def freed(self, node: Node, width: float = 1.0) -> Freed:
+        """The explanation's own parameters at a node, all else left open; `width` as of `log_joint`."""
         names, own = [*self.acting(node), OWN], self.size(OWN)
-        blocks, residual, of_noise = self.whitened_at(names, node, bad)
-        widths = self.widths(names, node)
+        widths, places = self.widths(names, node), self.places(names)
         widths[len(widths) - own :] *= width
-        freed = freed_by_columns(blocks * widths, residual + blocks @ self.places(names), own)
-        return replace(freed, mean=width * freed.mean, covariance=width**2 * freed.covariance), of_noise
+        if not self.steep(node):
+            return self.quadratic(names, node).freed(widths, places, own)
+        # By an orthogonal factor of the columns themselves, which takes some times as long.
+        columns, residual = self.whitened_at(names, node)
+        freed = freed_by_columns(columns * widths, residual + columns @ places, own)
+        log_det = self.whitening(node).log_det + freed.log_det
+        return Freed(freed.misfit, log_det, width * freed.mean, width**2 * freed.covariance)
 
-    def log_joint(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> float:
+    def log_joint(self, node: Node, width: float = 1.0) -> float:
         """Log of prior times likelihood at a node, everything linear integrated out.
 
         Args:
             node: of the hyperparameters.
-            bad: cases whose reading may be anything; by default those that it was fitted with.
             width: factor on the widths of the effects' priors.
         """
-        return self.log_joints([node], bad, width)[0]
+        return self.log_joints([node], width)[0]
 
-    def log_joints(self, nodes: Sequence[Node], bad: frozenset[int] | None = None, width: float = 1.0) -> list[float]:
+    def log_joints(self, nodes: Sequence[Node], width: float = 1.0) -> list[float]:
         """The same at several nodes at once."""
         found: dict[Node, float] = {}
         together = []
         for node in nodes:
             fewer_readings = len(self.residual) < sum(self.size(name) for name in self.acting(node))
-            if fewer_readings and not self.steep(node, bad):
+            if fewer_readings and not self.steep(node):
                 together.append(node)
                 continue
-            freed, of_noise = self.freed(node, bad, width)
-            found[node] = freed.log_evidence + of_noise + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
+            freed = self.freed(node, width)
+            found[node] = freed.log_evidence + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
         most = max(_AT_ONCE // len(self.residual) ** 2, 1)
         for some in (together[first : first + most] for first in range(0, len(together), most)):
-            covariance, right, of_each = self.among_readings(some, bad)
+            covariance, right, of_each = self.among_readings(some)
             values = marginal_evidence(covariance, right, self._one_sided, width) + of_each
             found |= zip(some, values.tolist(), strict=True)
         return [self.log_prior - 0.5 * self.unkept + self.hyper.log_prior(node) + found[node] for node in nodes]
 
     def misfit(self, node: Node) -> float:
         """Least weighted sum of squares at a node, priors' penalty included."""
-        return self.freed(node)[0].misfit
+        return self.freed(node).misfit
 
     @cached_property
     def _steps(self) -> Steps:
@@ -171,7 +164,7 @@ class Optimum(Integrated):
         # Together or one by one makes the same difference at every node, near enough.
         further, cut = 0.0, self._one_sided
         if cut.sum() > 1:
-            freed, _ = self.freed(best)
+            freed = self.freed(best)
             further = log_mass(freed.mean, freed.covariance, cut) - log_mass_apart(freed.mean, freed.covariance, cut)
         further -= log_share(known)
         return {node: value + further for node, value in known.items()}
@@ -191,20 +184,17 @@ class Optimum(Integrated):
         """Of the explanation, hyperparameters summed; without a constant that all explanations share."""
         return float(logsumexp(list(self.nodes.values())))
 
-    def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints, float]:
-        """All candidates' parameters, all else left open at a node; their indices; and minus half the noise's ln det.
+    def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints]:
+        """All candidates' parameters, all else left open at a node; and their indices.
 
         Args:
             node: of the hyperparameters.
             forms: whether the errors of form that are found here may act.
         """
         first = [n for n in self.acting(node) if forms or not n.startswith("form")]
-        names = [*first, OWN, OTHERS]
-        quadratic, of_noise = self.quadratic(names, node)
-        widths = self.widths(first, node)
-        left = quadratic.eliminated(np.arange(len(widths)), widths, self.places(first))
-        index = np.concatenate([self.parameters_of[OWN], self.parameters_of[OTHERS]])
-        return left, index, of_noise
+        widths, whole = self.widths(first, node), self.quadratic([*first, OWN, OTHERS], node)
+        left = whole.eliminated(np.arange(len(widths)), widths, self.places(first))
+        return left, np.concatenate([self.parameters_of[OWN], self.parameters_of[OTHERS]])
 
     def promises(self, explanations: Sequence[Explanation], nodes: Collection[Node]) -> Floats:
         """Log evidence that the session linearised here promises explanations (S,), by the best of some nodes.
@@ -219,11 +209,11 @@ class Optimum(Integrated):
             for kept in (False, True):
                 which = np.flatnonzero(keeps == kept)
                 if len(which):
-                    quadratic, index, of_noise = self.effects_at(node, forms=kept)
+                    quadratic, index = self.effects_at(node, forms=kept)
                     position = {int(p): k for k, p in enumerate(index)}
                     sets = [tuple(position[i] for i in explanations[int(k)].parameters) for k in which]
                     one_sided = self.session.model.parameters.one_sided[index]
-                    value = screened(quadratic, sets, self.x[index], one_sided) + of_noise + self.hyper.log_prior(node)
+                    value = screened(quadratic, sets, self.x[index], one_sided) + self.hyper.log_prior(node)
                     out[which] = np.maximum(out[which], value - 0.5 * self.unkept)
         return out
 
@@ -237,7 +227,7 @@ class Optimum(Integrated):
         other = explanation is not None and explanation != self.explanation
         first = [n for n in self.acting(node) if not (other and n.startswith("form"))]
         names = [*first, OWN, *([OTHERS] if other else [])]
-        quadratic, _ = self.quadratic(names, node)
+        quadratic = self.quadratic(names, node)
         place, widths = self.places(names), self.widths(names, node)
         indices = [(n, self.parameters_of.get(n, np.zeros(0, dtype=np.intp))) for n in names]
         parameter = np.concatenate([np.concatenate([i, np.full(self.size(n) - len(i), -1)]) for n, i in indices])

@@ -41,7 +41,7 @@ class OwnPart:
         """
         fit = self._fit
         names = [name for name in fit.acting(self._node) if name in (*ACTING, *GROUPS)]
-        columns = fit.whitened_blocks(names, self._node) * fit.widths(names, self._node)
+        columns = fit.whitened_at(names, self._node)[0] * fit.widths(names, self._node)
         root, out = root_of_one_plus(columns.T @ columns), list[float]()
         whitening = fit.whitening(self._node)
         for change in changes:

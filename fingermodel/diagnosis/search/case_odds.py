@@ -59,8 +59,8 @@ class CaseOdds:
         bad = LOG_PRIOR_ODDS + logsumexp([fit.log_joint(fit.best) for fit in near]) if near else 0.0
         out = {}
         for case in bad_cases:
-            without = bad_cases - {case}
-            sound = [max(fit.log_joints(self._hyper.widened(fit.best), without)) for fit in near]
+            without = [fit.but(bad=bad_cases - {case}) for fit in near]
+            sound = [max(fit.log_joints(self._hyper.widened(fit.best))) for fit in without]
             out[case] = float(bad - logsumexp(sound))
         slips = self.explained(leader, bad_cases) if bad_cases else {}
         return {case: odds + (slips[case].gain if case in slips else 0.0) for case, odds in out.items()}, slips

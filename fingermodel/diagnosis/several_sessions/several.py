@@ -203,7 +203,7 @@ def _by_name(fit: Optimum, here: Explanation) -> float:
 
 def _size(fit: Optimum, here: Explanation) -> Quadratic:
     """What a fit says of some of its parameters, in prior widths, without their prior: a Gaussian likelihood."""
-    freed, _ = fit.freed(fit.best)
+    freed = fit.freed(fit.best)
     at = [fit.explanation.parameters.index(i) for i in here.parameters]
     precision = np.linalg.inv(freed.covariance[np.ix_(at, at)])
     information = precision - np.eye(len(at))

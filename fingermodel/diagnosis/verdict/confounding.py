@@ -55,7 +55,7 @@ def confounding(base: Optimum, candidates: Candidates) -> Confounding:
         candidates: each in its first form.
     """
     node = base.hyper.without_smooth(base.best)
-    quadratic, parameters, _ = base.effects_at(node)
+    quadratic, parameters = base.effects_at(node)
     position = {int(p): k for k, p in enumerate(parameters)}
     chosen = [[position[i] for i in c.forms[0]] for c in candidates.all]
     names, n = tuple(c.name for c in candidates.all), len(chosen)

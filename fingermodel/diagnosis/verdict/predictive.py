@@ -138,8 +138,7 @@ def _predicted(
     measured, moved = session.measured, fit
     if change is not None:
         by_row = change.reshape(-1)[session.rows]
-        measured, moved = measured - by_row, replace(fit, residual=fit.residual - by_row[session.fitted])
-        moved.__dict__["form_errors"] = fit.form_errors
+        measured, moved = measured - by_row, fit.but(residual=fit.residual - by_row[session.fitted])
     found = moved.everything(node)
     columns = np.concatenate([fit.block(name, unseen, slopes) for name in found.names], axis=1)
     index, at = found.parameters
@@ -147,7 +146,7 @@ def _predicted(
     place[at] = about[index]
     away = measured[unseen] - reading - columns @ (found.mean - place)
     # Tares that they share with fitted readings are known by what these leave.
-    fitted, residual, _ = moved.whitened_at(found.names, node, None)
+    fitted, residual = moved.whitened_at(found.names, node)
     known, tares = moved.whitening(node) @ session.changes.tares[session.fitted], session.changes.tares[unseen]
     away -= tares @ (known.T @ (residual - fitted @ (found.mean - found.place)))
     values = fit.hyper.values(node)

@@ -6,7 +6,7 @@ It is shown, and conditions nothing. Everything is asked of the linearised model
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -183,11 +183,10 @@ def _fixed(axis: int, index: int) -> Value:
 
 def _without(fit: Optimum, gone: Mask) -> Optimum:
     """A fit without some of the fitted readings (n,), at its best node alone."""
-    other = replace(
-        fit, session=fit.session.without(gone), residual=fit.residual[~gone], slopes=fit.slopes[~gone], node=fit.best
-    )
+    readings = {"residual": fit.residual[~gone], "slopes": fit.slopes[~gone]}
+    other = fit.but(session=fit.session.without(gone), node=fit.best, **readings)
     # Other nodes are not looked for: that would take as long as a search.
-    other.__dict__.update(form_errors=fit.form_errors, nodes={fit.best: other.log_joint(fit.best)})
+    other.__dict__["nodes"] = {fit.best: other.log_joint(fit.best)}
     return other
 
 

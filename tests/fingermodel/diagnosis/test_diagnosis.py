@@ -68,7 +68,7 @@ def compared(slopes: Floats, absorbed: Floats) -> Confounding:
     optimum: Any = SimpleNamespace(
         hyper=SimpleNamespace(without_smooth=lambda node: node),
         best=(0,),
-        effects_at=lambda _: (left, np.arange(10, 10 + effects), 0.0),
+        effects_at=lambda _: (left, np.arange(10, 10 + effects)),
     )
     listed = Candidates(tuple(Candidate(f"e{k}", f"e{k}", ((10 + k,),), 1.0) for k in range(effects)))
     return confounding(cast("Any", optimum), listed)
