@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node, Values
+from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
@@ -141,27 +141,14 @@ class Fitter:
             bad: cases whose reading may be anything.
             before: where its errors of form are found; without, there are none.
         """
-        problem, session = self.session.problem, self.session
-        values, fitted = self.hyper.values(node), session.fitted
-        blocks = [values.budget * session.changes.nuisances[fitted]]
-        blocks += [
-            size * session.errors.by_group[name][fitted] for name, size in values.groups._asdict().items() if size > 0.0
-        ]
-        blocks += [
-            width * session.changes.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()
-        ]
-        if before is not None:
-            blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
-        noise = session.whitened_smooth(values.errors, bad).noise
+        problem, session, widths = self.session.problem, self.session, self.hyper.block_widths(node)
+        columns = session.columns if before is None else before.other_columns
+        blocks = [width * columns(name)[session.fitted] for name, width in widths.items()]
+        noise = session.whitened_smooth(self.hyper.values(node).errors, bad).noise
         whitening = Whitening.of(noise, np.concatenate(blocks, axis=1))
+        multiple = np.array([widths.get(p.kind, 1.0) for p in problem.model.parameters.parameters])
         free = problem.free | free_mask(problem.model, explanation)
-        return replace(problem, whitener=whitening, sd=self._multiple(values) * problem.sd, free=free)
-
-    def _multiple(self, values: Values) -> Floats:
-        """(parameters,) of the widths of the priors."""
-        table = self.session.model.parameters
-        multiple = {"budget": values.budget, "anatomy": values.anatomy, "effect": 1.0}
-        return np.array([multiple[p.kind] for p in table.parameters])
+        return replace(problem, whitener=whitening, sd=multiple * problem.sd, free=free)
 
     def linearised(
         self,

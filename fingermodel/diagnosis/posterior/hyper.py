@@ -230,12 +230,10 @@ class Hyperparameters:
         Effects' own parameters have a width of 1, and are no hyperparameter's.
         """
         if node not in self._widths:
-            errors = [self.form.value[i] for i in node[FORMS:]]
-            forms = {f"form{k}": width for k, width in enumerate(errors) if width > 0.0}
-            multiples = [self.axes[k].value[node[k]] for k in (BUDGET, ANATOMY)]
-            always = dict(zip(ACTING, (1.0, *multiples), strict=True))
-            sizes = [self.axes[k].value[node[k]] for k in range(GROUP, SMOOTH)]
-            of_groups = {name: size for name, size in zip(GROUPS, sizes, strict=True) if size > 0.0}
+            values = self.values(node)
+            always = dict(zip(ACTING, (1.0, values.budget, values.anatomy), strict=True))
+            of_groups = {name: size for name, size in values.groups._asdict().items() if size > 0.0}
+            forms = {f"form{k}": error for k, error in enumerate(values.forms.tolist()) if error > 0.0}
             self._widths[node] = always | of_groups | self.smooth_blocks(node) | forms
         return self._widths[node]
 
@@ -302,8 +300,3 @@ class Hyperparameters:
 def _of_one_family(own: str, size: int) -> tuple[int, ...]:
     """Amplitudes by family of what is smooth in one of them alone, as indices on their axes."""
     return tuple(size * (family == own) for family in FAMILIES)
-
-
-def is_smooth(block: str) -> bool:
-    """Whether a block's columns are something smooth."""
-    return ":" in block

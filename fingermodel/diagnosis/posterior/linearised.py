@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import ACTING, GROUPS, OF_CASES, Hyperparameters, Node, is_smooth
+from fingermodel.diagnosis.posterior.hyper import ACTING, OF_CASES, Hyperparameters, Node
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
+from fingermodel.diagnosis.session_model.reading_changes import is_smooth
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.fitting.fit_report import held_at_bound
@@ -188,21 +189,16 @@ class Linearised:
             rows: (all readings,) which readings.
             slopes: (n, parameters) of the model there, per prior width.
         """
-        own, other = self.parameters_of.get(name), self._other_columns(name)
+        own, other = self.parameters_of.get(name), self.other_columns(name)
         if own is None:
             return other[rows]
         return np.concatenate([slopes[:, own], other[rows]], axis=1)
 
-    def _other_columns(self, name: str) -> Floats:
+    def other_columns(self, name: str) -> Floats:
         """Columns (all readings, k) of what of a block is no parameter."""
-        session = self.session
         if name.startswith("form"):
             return self.form_errors[int(name.removeprefix("form"))]
-        if is_smooth(name):
-            return session.changes.smooth(name)
-        if name in GROUPS:
-            return session.errors.by_group[name]
-        return session.changes.nuisances if name == BUDGET else np.zeros((len(session.rows), 0))
+        return self.session.columns(name)
 
     def place(self, name: str) -> Floats:
         """(k,) where the weights of a block stand: 0 for what is no parameter."""
@@ -216,7 +212,7 @@ class Linearised:
     def size(self, name: str) -> int:
         """How many columns a block has."""
         if name not in self._sizes:
-            self._sizes[name] = len(self.parameters_of.get(name, ())) + int(self._other_columns(name).shape[1])
+            self._sizes[name] = len(self.parameters_of.get(name, ())) + int(self.other_columns(name).shape[1])
         return self._sizes[name]
 
     def widths(self, names: Sequence[str], node: Node) -> Floats:
@@ -337,14 +333,14 @@ class Linearised:
         return self._fitted[names]
 
     @cached_property
+    def _fitted(self) -> dict[tuple[str, ...], Floats]:
+        return {}
+
+    @cached_property
     def _spans(self) -> dict[str, slice]:
         sizes = [1, *(self.size(name) for name in _TOGETHER[1:])]
         ends = np.cumsum(sizes).tolist()
         return {name: slice(end - size, end) for name, size, end in zip(_TOGETHER, sizes, ends, strict=True)}
-
-    @cached_property
-    def _fitted(self) -> dict[tuple[str, ...], Floats]:
-        return {}
 
     def _product(self, inner: Inner, a: str, b: str) -> Floats:
         if is_smooth(a) and is_smooth(b):

@@ -27,6 +27,12 @@ from fingermodel.structure import Pieces
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+
+def is_smooth(block: str) -> bool:
+    """Whether a block's columns are something smooth (see `ReadingChanges.smooth`)."""
+    return ":" in block
+
+
 # Step of a derivative by the logarithm of a tension, and by an angle [rad].
 _STEP = 1e-3
 

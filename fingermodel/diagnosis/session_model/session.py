@@ -19,7 +19,8 @@ from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors, CaseNoise, Scatter
-from fingermodel.diagnosis.session_model.reading_changes import LinearisedErrors, ReadingChanges
+from fingermodel.diagnosis.session_model.group_errors import GroupErrors
+from fingermodel.diagnosis.session_model.reading_changes import LinearisedErrors, ReadingChanges, is_smooth
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, require_rows, weighted_problem
@@ -72,6 +73,19 @@ class Session:
     def measured(self) -> Floats:
         """(n,) readings [N, N mm]."""
         return np.nan_to_num(self.observations.wrench).reshape(-1)[self.rows]
+
+    def columns(self, block: str) -> Floats:
+        """(n, k) columns of a block of weights that are no parameters.
+
+        Args:
+            block: `budget`, an error by group (see `GroupErrors`), or something smooth (see `ReadingChanges.smooth`);
+                any other has none.
+        """
+        if is_smooth(block):
+            return self.changes.smooth(block)
+        if block in GroupErrors._fields:
+            return self.errors.by_group[block]
+        return self.changes.nuisances if block == "budget" else np.zeros((len(self.rows), 0))
 
     def seen_from(self, theta: Floats) -> Session:
         """The same with its errors linearised about a parameter vector (parameters,)."""
