@@ -23,7 +23,7 @@ from fingermodel.diagnosis.search.beginning import Beginner
 from fingermodel.diagnosis.search.search import Searched, search, unsearched
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import MOST_FITS, SUSPECT
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints

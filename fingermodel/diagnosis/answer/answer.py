@@ -15,7 +15,7 @@ from fingermodel.diagnosis.answer.ranking import parameters_of, ranking, ready_m
 from fingermodel.diagnosis.answer.rig import of_rig, remarks
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import LIVE, SURE
 from fingermodel.diagnosis.verdict.instruments import fault_remedy
 from fingermodel.diagnosis.verdict.own_curve import curve_answer

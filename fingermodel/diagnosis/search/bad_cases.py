@@ -11,8 +11,9 @@ import numpy as np
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.beginning import Beginner, Beginning, Slipped, bad_in
-from fingermodel.diagnosis.search.case_odds import CaseOdds
+from fingermodel.diagnosis.search.case_odds import explained, odds_of_each, odds_of_taken, slips_of
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, Apart, chance_of
+from fingermodel.diagnosis.session_model.slip_odds import SlipsAbout
 from fingermodel.diagnosis.settings import P_VALUE
 
 
@@ -25,7 +26,6 @@ class BadCases:
 
     def __init__(self, beginner: Beginner) -> None:
         self.beginner = beginner
-        self.odds = CaseOdds(beginner.session, beginner.hyper)
 
     @cached_property
     def most(self) -> int:
@@ -64,9 +64,10 @@ class BadCases:
         leader = max(fit.log_posterior for fit in fits)
         best, found = leader, frozenset[int]()
         for fit in fits:
-            about = self.odds.slips.about(fit.theta)
+            about = SlipsAbout(fit.session.changes, fit.theta)
             for node, without, apart in _asked(fit, begun.bad, leader):
-                for case, one in self.odds.slips_of(apart, about, node).items():
+                scatter = fit.hyper.values(node).errors.scatter
+                for case, one in slips_of(apart, about, scatter).items():
                     value = without + apart[case].anything + one.gain
                     if value > best:
                         best, found = value, _worst({case: (value, one.partner)})
@@ -107,13 +108,13 @@ class BadCases:
     def _sound(self, begun: Beginning) -> frozenset[int]:
         """Cases taken for bad that are not where all candidates act, or where none does."""
         hosts = (begun.every, begun.nothing) if begun.bad else ()
-        odds = [self.odds.of_taken(begun.bad, [host], host)[0] for host in hosts]
+        odds = [odds_of_taken(begun.bad, [host], host)[0] for host in hosts]
         return frozenset(case for of_host in odds for case, value in of_host.items() if value < SUSPECT_LOG_ODDS)
 
     def _paired(self, begun: Beginning) -> Slipped:
         """The slips so far, two bad cases that were exchanged as one."""
         hosts = (begun.every, begun.nothing) if len(begun.slips) > 1 else ()
-        found = [(case, one.partner) for h in hosts for case, one in self.odds.explained(h, begun.bad).items()]
+        found = [(case, one.partner) for h in hosts for case, one in explained(h, begun.bad).items()]
         pairs = dict.fromkeys(frozenset({case, other}) for case, other in found if other in begun.bad)
         paired = bad_in(tuple(pairs))
         return (*pairs, *(cases for cases in begun.slips if not cases <= paired))
@@ -124,8 +125,8 @@ class BadCases:
         least: dict[int, float] = {c: np.inf for c in cases if c not in begun.bad}
         partners: dict[int, int | None] = {}
         for host in (begun.every, begun.nothing, begun.fitter.of_one(begun.nothing)):
-            odds = self.odds.of_each(host)
-            slips = self.odds.explained(host, least)
+            odds = odds_of_each(host)
+            slips = explained(host, least)
             least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
             partners |= {c: e.partner for c, e in slips.items()}
             least = {c: o for c, o in least.items() if o >= SUSPECT_LOG_ODDS}

@@ -17,10 +17,11 @@ from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import BadCases
 from fingermodel.diagnosis.search.beginning import Beginning
+from fingermodel.diagnosis.search.case_odds import explained, odds_of_taken
 from fingermodel.diagnosis.search.offers import Offer, best_forms, better
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
-from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import FAR, MOST_FITS, WITHIN
 
 Floats = NDArray[np.float64]
@@ -67,12 +68,12 @@ def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Sear
     found = _explained(bad_cases.all_out(begun), most)
     while cases := bad_cases.overlooked(found.begun, found.fits.values()):
         other = _explained(bad_cases.beginner.beside((*found.begun.slips, cases)), most, found.fits)
-        slips = bad_cases.odds.explained(other.leader, cases)
+        slips = explained(other.leader, cases)
         gain = max((one.gain for one in slips.values()), default=0.0)
         if other.leader.log_posterior + LOG_PRIOR_ODDS + gain <= found.leader.log_posterior:
             break
         found = other
-    odds = bad_cases.odds.of_taken(found.begun.bad, found.fits.values(), found.leader)
+    odds = odds_of_taken(found.begun.bad, found.fits.values(), found.leader)
     return found.searched(*odds)
 
 

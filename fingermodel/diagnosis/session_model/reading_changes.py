@@ -19,6 +19,7 @@ from fingermodel.diagnosis.session_model.discrepancy import (
     torque_columns,
 )
 from fingermodel.diagnosis.session_model.group_errors import by_group, zero_moments
+from fingermodel.diagnosis.session_model.slips import PossibleSlips
 from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.stages import LoadCaseInput
@@ -58,6 +59,11 @@ class ReadingChanges:
     def places(self) -> Places:
         """Where each reading belongs."""
         return Places.of(self.observations, self.rows)
+
+    @cached_property
+    def slips(self) -> PossibleSlips:
+        """What may have been done in each case instead of what was entered."""
+        return PossibleSlips(self)
 
     @cached_property
     def tares(self) -> Floats:
@@ -109,8 +115,9 @@ class ReadingChanges:
         return self._smooth[block]
 
     def forget(self) -> None:
-        """Let go of what is smooth; what is asked of it again is made again."""
+        """Let go of what is smooth, and of slips; what is asked of them again is made again."""
         self._smooth.clear()
+        self.__dict__.pop("slips", None)
 
     @cached_property
     def torque_answer(self) -> Floats:

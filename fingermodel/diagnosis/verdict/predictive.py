@@ -21,7 +21,7 @@ from fingermodel.diagnosis.session_model.bad_cases import (
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slips import Explained, Slips
+from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_UNLIKE, P_VALUE
 from fingermodel.fitting.roots import root_of
 
@@ -206,19 +206,18 @@ def _predictions(fit: Optimum) -> tuple[tuple[float, Prediction], ...]:
     return tuple((weights[n] / whole, _predicted(fit, n, about)[0]) for n in kept)
 
 
-def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
+def check(fit: Optimum) -> PredictiveCheck:
     """Hold the validation cases against an explanation; single bad ones are set apart, and named.
 
     Args:
         fit: that predicts them.
-        slips: of its session, where they are known already.
     """
-    session: Session = fit.session
+    session = fit.session
     if session.fitted.all():
         return PredictiveCheck(None, None, {}, {})
     predictions = _predictions(fit)
     p = predictions[0][1]
-    about, scatter = (slips or Slips(session)).about(fit.theta), fit.hyper.values(fit.best).errors.scatter
+    about, scatter = SlipsAbout(session.changes, fit.theta), fit.hyper.values(fit.best).errors.scatter
     bad, strange = set[int](), set[int]()
     for _ in range(1 + len(np.unique(p.cases)) // 4):
         apart = bad | strange
@@ -291,8 +290,7 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
 
     A case may be as one explanation expects it and a slip under another. How probable each is, it says itself.
     """
-    slips_of = Slips(posterior.nothing.session)
-    out = {fit.explanation: check(fit, slips_of) for fit in chosen}
+    out = {fit.explanation: check(fit) for fit in chosen}
     if not any(c.bad for c in out.values()):
         return out
 
@@ -302,7 +300,7 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
     least = float(np.log(_WEIGHT)) + max(weight(e, c.log_evidence) for e, c in out.items())
     most = most_evidence(posterior)
     further = [fit for e, fit in posterior.fits.items() if e not in out and weight(e, most) >= least]
-    asked = out | {fit.explanation: check(fit, slips_of) for fit in further}
+    asked = out | {fit.explanation: check(fit) for fit in further}
     log = {e: weight(e, c.log_evidence) for e, c in asked.items()}
     top = float(logsumexp(list(log.values())))
     bad: dict[int, float] = {}

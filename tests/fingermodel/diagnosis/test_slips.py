@@ -13,7 +13,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import Apart
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.session_model.slips import Slips
+from fingermodel.diagnosis.session_model.slip_odds import SlipsAbout
 from fingermodel.diagnosis.settings import SLIP_SHARES
 from fingermodel.fitting.roots import root_of, root_of_one_plus
 from fingermodel.session import Session
@@ -42,7 +42,7 @@ def test_a_case_against_all_others_is_the_dense_gaussian(nothing: Optimum) -> No
 
 
 def test_every_slip_says_something_else_than_the_entry(nothing: Optimum) -> None:
-    slips = Slips(nothing.session)
+    slips = nothing.session.changes.slips
     observations = nothing.session.observations
     for case in range(0, len(observations.ids), 7):
         found = slips.of(case)
@@ -55,7 +55,8 @@ def test_every_slip_says_something_else_than_the_entry(nothing: Optimum) -> None
 
 
 def test_a_reading_of_another_entry_is_told_by_it(nothing: Optimum) -> None:
-    slips, session = Slips(nothing.session), nothing.session
+    session = nothing.session
+    slips = session.changes.slips
     case = session.observations.ids.index("c056")
     apart = nothing.left_out(nothing.best)[case]
     asked = slips.of(case)
@@ -65,7 +66,7 @@ def test_a_reading_of_another_entry_is_told_by_it(nothing: Optimum) -> None:
         if slip.partner is not None or size < 0.3:
             continue
         moved = Apart(case, apart.rows, change[apart.rows], apart.covariance, apart.anything, apart.tail)
-        found = slips.about(nothing.theta).explain({case: moved}, 0.0)[case].slips
+        found = SlipsAbout(session.changes, nothing.theta).explain({case: moved}, 0.0)[case].slips
         own = next(chi_square for one, _, chi_square in found if one.words == slip.words)
         assert own == pytest.approx(0.0, abs=1e-9)
         assert all(chi_square < 25.0 for _, probability, chi_square in found if probability > 0.05)
