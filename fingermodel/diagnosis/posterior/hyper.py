@@ -52,13 +52,12 @@ GRIDS = hashlib.sha256(repr([_AXES, *[grid.tolist() for grid in _GRIDS]]).encode
 
 
 class Values(NamedTuple):
-    """Of a node: sizes of noise by case, multiples, errors by group, amplitudes by family [N], errors of form."""
+    """Of a node: sizes of noise by case, multiples, errors by group, errors of form."""
 
     errors: CaseErrors
     budget: float
     anatomy: float
     groups: GroupErrors
-    smooth_N: Floats
     forms: Floats
 
 
@@ -203,11 +202,11 @@ class Hyperparameters:
         at = [axis.value[i] for axis, i in zip(self.axes, node, strict=False)]
         forms = self.form.values[list(node[FORMS:])]
         errors, groups = CaseErrors(*at[OF_CASES]), GroupErrors(*at[OF_GROUPS])
-        return Values(errors, at[BUDGET], at[ANATOMY], groups, np.array(at[SMOOTH:CARRIER]), forms)
+        return Values(errors, at[BUDGET], at[ANATOMY], groups, forms)
 
     def smooth_newton(self, node: Node) -> float:
         """Largest amplitude [N] of what is smooth at a node."""
-        return max(self.axes[k].value[node[k]] for k in range(SMOOTH, CARRIER))
+        return max(self.smooth_blocks(node).values(), default=0.0)
 
     def smooth_blocks(self, node: Node) -> dict[str, float]:
         """Amplitudes [N] of what is smooth at a node, by the block of its columns (see `Session.smooth`)."""

@@ -101,20 +101,17 @@ class CaseNoise:
 
         Args:
             blocks: (cases, 6, 6) covariance of each case.
-            rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
+            rows: (n,) indices of the readings into the flattened (cases, 6) wrench, ascending.
             scatter: of them.
             unit: (n,).
             bad_size: (n,).
             assumed: whether the blocks are.
         """
         cases, axis = rows // 6, rows % 6
-        by_size: dict[int, list[Rows]] = {}
-        for case in np.unique(cases):
-            of_case = np.flatnonzero(cases == case)
-            by_size.setdefault(len(of_case), []).append(of_case)
+        _, first, count = np.unique(cases, return_index=True, return_counts=True)
         groups = []
-        for rows_of in by_size.values():
-            at = np.array(rows_of)
+        for size in dict.fromkeys(count.tolist()):
+            at = first[count == size, None] + np.arange(size)
             own = blocks[cases[at][:, :, None], axis[at][:, :, None], axis[at][:, None, :]]
             own = own + _each((_LEAST_N * unit[at]) ** 2)
             groups.append((at, own, scatter.of_kinds(at, unit[at])))

@@ -7,7 +7,7 @@ N(0, 1) weights is one draw.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,10 +53,6 @@ class Places:
         """(n,) what of each reading counts as much as a newton."""
         out: Floats = np.where(self.moment, LEVER_MM, 1.0)
         return out
-
-    def of_muscle(self, index: int) -> Places:
-        """The same with one muscle's load alone."""
-        return replace(self, load=self.load[:, index : index + 1])
 
     @classmethod
     def of(cls, observations: Observations, rows: Rows) -> Places:

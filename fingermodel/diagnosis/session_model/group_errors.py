@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from fingermodel.budget import Budget
 from fingermodel.comparison.observations import Observations
-from fingermodel.diagnosis.session_model.discrepancy import Places
 from fingermodel.diagnosis.settings import LEVER_MM, LINE_RAD, WEIGHT
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 # Tensions [N] that agree in so many digits are of one weight.
 _ALIKE_DIGITS = 6
@@ -80,12 +80,12 @@ def by_group(
     both = [(tip + other) * sign for tip, other in zip(at_tip, at_bone, strict=True) if tip.any() and other.any()]
     return {
         "weight": _of_weights(np.asarray(inputs.tension), rows // 6, by_tension),
-        "line_rad": _in_each([1.0 * (bone & ~check)], _of_lines(np.asarray(inputs.tension), rows, suture)),
-        "zero_N": _in_each(zeros, unit),
-        "drift_N": _in_each(_to_and_fro([*at_tip, *at_bone], np.asarray(inputs.elapsed)[rows // 6]), unit),
-        "turn_rad": _in_each([*at_tip, *at_bone], of_turn),
-        "hold_mm": _in_each(at_tip, of_hold),
-        "apart_rad": _in_each(both, by_angle),
+        "line_rad": in_each([1.0 * (bone & ~check)], _of_lines(np.asarray(inputs.tension), rows, suture)),
+        "zero_N": in_each(zeros, unit),
+        "drift_N": in_each(_to_and_fro([*at_tip, *at_bone], np.asarray(inputs.elapsed)[rows // 6]), unit),
+        "turn_rad": in_each([*at_tip, *at_bone], of_turn),
+        "hold_mm": in_each(at_tip, of_hold),
+        "apart_rad": in_each(both, by_angle),
     }
 
 
@@ -129,26 +129,21 @@ def waves(share: Floats) -> Floats:
     return out
 
 
-def _in_each(where: Sequence[Floats], changes: Floats) -> Floats:
+def in_each(where: Sequence[Floats | Mask], changes: Floats) -> Floats:
     """Changes (n, c) as columns (n, k) of their own in each of some sets of readings (n,); none that are nothing."""
     columns = np.concatenate([np.zeros((len(changes), 0)), *[here[:, None] * changes for here in where]], axis=1)
     return columns[:, columns.any(axis=0)]
 
 
-def zero_moments(observations: Observations, at: Places, rows: Rows, size_N: float) -> list[Floats]:
-    """Columns (n,) of the moments at the tip that the tare missed, one for each mounting and axis.
+def zero_moments(observations: Observations, rows: Rows, size_N: float) -> Floats:
+    """Columns (n, k) of the moments at the tip that the tare missed, one for each mounting and axis.
 
     Args:
         observations: of the session.
-        at: where each reading belongs.
         rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
         size_N: of the force that the tare missed there.
     """
-    mounting, out = np.asarray(observations.inputs.mounting)[at.cases], []
-    tip = np.array([place == "tip" for place in observations.locations])[at.cases]
-    for c in (3, 4, 5):
-        for k in np.unique(mounting):
-            column = LEVER_MM * size_N * ((mounting == k) & tip & (rows % 6 == c))
-            if column.any():
-                out.append(column.astype(float))
-    return out
+    mounting = np.asarray(observations.inputs.mounting)[rows // 6]
+    tip = np.array(observations.locations)[rows // 6] == "tip"
+    here = [(mounting == k) & tip & (rows % 6 == c) for c in (3, 4, 5) for k in np.unique(mounting)]
+    return in_each(here, np.full((len(rows), 1), LEVER_MM * size_N))

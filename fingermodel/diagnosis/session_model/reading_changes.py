@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import jax
@@ -18,7 +18,7 @@ from fingermodel.diagnosis.session_model.discrepancy import (
     tension_columns,
     torque_columns,
 )
-from fingermodel.diagnosis.session_model.group_errors import by_group, zero_moments
+from fingermodel.diagnosis.session_model.group_errors import by_group, in_each, zero_moments
 from fingermodel.diagnosis.session_model.slips import PossibleSlips
 from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.model import Model, tip_kinematics_batch
@@ -78,9 +78,8 @@ class ReadingChanges:
         A clamp at the tip that resists twist carries a share of the abduction torque as Mx and My, one of each for
         every setting. What the tare missed at the tip has a moment.
         """
-        size_N = self.model.budget.zero_tip_sd_N
-        columns = [*self._clamp_twist(), *zero_moments(self.observations, self.places, self.rows, size_N)]
-        return np.array(columns).T if columns else np.zeros((len(self.rows), 0))
+        missed = zero_moments(self.observations, self.rows, self.model.budget.zero_tip_sd_N)
+        return np.concatenate([self._clamp_twist(), missed], axis=1)
 
     @property
     def carriers(self) -> tuple[str, ...]:
@@ -100,16 +99,13 @@ class ReadingChanges:
         if block not in self._smooth:
             family, carrier = block.split(":")
             topology = self.model.finger.topology
-            muscles, rotations = list(topology.muscles), list(topology.rotations)
-            at = self.places.of_muscle(muscles.index(carrier)) if carrier in muscles else self.places
+            tendons, rotations = _carrying(carrier, topology.muscles), _carrying(carrier, topology.rotations)
+            at = replace(self.places, load=self.places.load[:, tendons])
             if family == "torque":
-                only = [rotations.index(carrier)] if carrier in rotations else range(len(rotations))
-                self._smooth[block] = torque_columns(
-                    at, self.of_rows(np.swapaxes(self.torque_answer, 1, 2))[:, list(only)]
-                )
+                answer = self.of_rows(np.swapaxes(self.torque_answer, 1, 2))
+                self._smooth[block] = torque_columns(at, answer[:, rotations])
             elif family == "tension":
-                only = [muscles.index(carrier)] if carrier in muscles else range(len(muscles))
-                self._smooth[block] = tension_columns(at, self.by_stated_tension[:, list(only)])
+                self._smooth[block] = tension_columns(at, self.by_stated_tension[:, tendons])
             else:
                 self._smooth[block] = (loaded_columns if family == "loaded" else constant_columns)(at)
         return self._smooth[block]
@@ -202,27 +198,29 @@ class ReadingChanges:
         out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
         return out
 
-    def _clamp_twist(self) -> list[Floats]:
+    def _clamp_twist(self) -> Floats:
+        """(n, k) columns of Mx and My in every setting, with what the tip then carries besides."""
         model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology
         carried, rotations = list(topology.reactions), list(topology.rotations)
         free = [c for c in (3, 4) if c not in carried]
         aside = [r for r in rotations if r not in {j.name for j in topology.joints}]
         if not free or not aside or not self.places.moment.any():
-            return []
-        jacobian = self._tips[0]
+            return np.zeros((len(self.rows), 0))
         torque = np.asarray(model.predict(inputs, self.centre).torque)[:, rotations.index(aside[0])]
-        setting, out = np.asarray(inputs.setting), []
-        for c in free:
-            wrench = np.zeros((len(torque), 6))
-            wrench[:, c] = 1.0
-            lever = np.swapaxes(jacobian[:, carried], 1, 2)
-            wrench[:, carried] = -np.linalg.solve(lever, jacobian[:, c, :, None])[..., 0]
-            change = self._as_read(CLAMP_SHARE * torque[:, None, None] * wrench[:, None])[:, 0]
-            for k in np.unique(setting):
-                column = (change * (setting == k)[:, None]).reshape(-1)[self.rows]
-                if column.any():
-                    out.append(column)
-        return out
+        jacobian = self._tips[0]
+        wrench = np.zeros((len(torque), len(free), 6))
+        wrench[:, np.arange(len(free)), free] = 1.0
+        lever = np.swapaxes(jacobian[:, carried], 1, 2)
+        wrench[:, :, carried] = -np.linalg.solve(lever[:, None], jacobian[:, free, :, None])[..., 0]
+        change = self.of_rows(np.swapaxes(self._as_read(CLAMP_SHARE * torque[:, None, None] * wrench), 1, 2))
+        setting = np.asarray(inputs.setting)[self.rows // 6]
+        here = [setting == k for k in np.unique(setting)]
+        return np.concatenate([in_each(here, of_moment[:, None]) for of_moment in change.T], axis=1)
+
+
+def _carrying(carrier: str, names: Sequence[str]) -> list[int]:
+    """Indices of what carries something smooth among some names: of one, or of all where it is none of them."""
+    return [k for k, name in enumerate(names) if name == carrier] or list(range(len(names)))
 
 
 @dataclass(frozen=True, eq=False)

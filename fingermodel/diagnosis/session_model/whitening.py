@@ -76,12 +76,11 @@ def shared_root(u: Floats) -> tuple[Floats, Floats, float]:
 
 def whitened(roots: list[tuple[Rows, Floats]], columns: Floats) -> Floats:
     """Columns (n, k) or (n,) in units in which the noise by case is independent and of size 1."""
-    out = np.empty_like(columns)
+    flat = columns.reshape(len(columns), -1)
+    out = np.empty_like(flat)
     for rows, inverse in roots:
-        part = columns[rows] if columns.ndim == 2 else columns[rows][..., None]
-        product = inverse @ part
-        out[rows] = product if columns.ndim == 2 else product[..., 0]
-    return out
+        out[rows] = inverse @ flat[rows]
+    return out.reshape(columns.shape)
 
 
 @dataclass(frozen=True, eq=False)

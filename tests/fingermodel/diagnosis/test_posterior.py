@@ -190,7 +190,7 @@ def test_a_promise_counts_with_what_acts_unnamed_where_it_was_made(
 ) -> None:
     host = replace(nothing)
     host.__dict__["best"] = nothing.hyper.with_smooth(nothing.best)
-    unnamed = float(host.hyper.values(host.best).smooth_N.max())
+    unnamed = host.hyper.smooth_newton(host.best)
     of_hanger = Promise.of(hanger.explanation, host, nothing.log_posterior, hanger.log_prior)
     assert (of_hanger.named, of_hanger.beyond_newton) == (frozenset({"hanger_mass"}), unnamed)
     assert unnamed > 0.0
