@@ -7,9 +7,10 @@ Each session says of the curve's weights what its readings do; the curve's evide
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from fingermodel.diagnosis.settings import SEED, SHARED_SIZES
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
+T = TypeVar("T")
 
 
 class Sharing:
@@ -60,21 +62,12 @@ class Sharing:
 
     def value(self, nodes: Sequence[Node], size: float) -> float:
         """Log of prior times likelihood of all sessions together."""
-        said = self.all_said(nodes)
-        return sum(s.log_joint for s in said) + gain(said, size)
+        return _together(self.all_said(nodes), size)
 
     def climbed(self, nodes: Sequence[Node], size: float) -> list[Node]:
         """The sessions' nodes from which no step along an axis of one of them leads higher."""
-        best, value, moved = list(nodes), self.value(nodes, size), True
-        while moved:
-            moved = False
-            for k, fit in enumerate(self._fits):
-                for node in fit.hyper.neighbours(best[k]):
-                    trial = [*best[:k], node, *best[k + 1 :]]
-                    reached = self.value(trial, size)
-                    if reached > value:
-                        best, value, moved = trial, reached, True
-        return best
+        value = partial(self.value, size=size)
+        return _ascended(nodes, value, lambda k, node: self._fits[k].hyper.neighbours(node))[0]
 
     def log_evidence(self, nodes: Sequence[Node], size: float) -> float:
         """With each session's hyperparameters summed about its node, the others where they are."""
@@ -162,14 +155,14 @@ class StageSearch:
 
     def best_value(self, turned: Sequence[tuple[Ints, Floats]]) -> float:
         """What sharing gains at most over not sharing, after each session's weights have been turned."""
-        options = [list(dict.fromkeys(path[k] for path in self.paths.values())) for k in range(len(self.fits))]
-        said = [[self.sharing.said(k, n).turned(*turned[k]) for n in nodes] for k, nodes in enumerate(options)]
-        nothing = sum(max(s.log_joint for s in mine) for mine in said)
-        out = 0.0
+        reached = [dict.fromkeys(path[k] for path in self.paths.values()) for k in range(len(self.fits))]
+        said = [{n: self.sharing.said(k, n).turned(*turned[k]) for n in nodes} for k, nodes in enumerate(reached)]
+        nothing, out = sum(max(s.log_joint for s in mine.values()) for mine in said), 0.0
         for size, path in self.paths.items():
-            at = [options[k].index(node) for k, node in enumerate(path)]
-            value = _best_of(said, at, size) - nothing
-            out = max(out, value)
+            start = [mine[node] for mine, node in zip(said, path, strict=True)]
+            value = partial(_together, size=size)
+            best = _ascended(start, value, lambda k, one: [s for s in said[k].values() if s is not one])[1]
+            out = max(out, best - nothing)
         return out
 
     @property
@@ -179,22 +172,30 @@ class StageSearch:
         return muscles, len(self.columns[0].parts) // muscles, self.curves.root.shape[1]
 
 
-def _best_of(said: Sequence[Sequence[Said]], at: list[int], size: float) -> float:
-    """Value at the best of each session's options, changed one after another."""
+def _together(said: Sequence[Said], size: float) -> float:
+    """Log of prior times likelihood of all sessions together, with weights of a size."""
+    return sum(s.log_joint for s in said) + gain(said, size)
 
-    def value(chosen: Sequence[int]) -> float:
-        mine = [options[i] for options, i in zip(said, chosen, strict=True)]
-        return sum(s.log_joint for s in mine) + gain(mine, size)
 
-    best, reached, moved = list(at), value(at), True
+def _ascended(
+    start: Sequence[T], value: Callable[[Sequence[T]], float], others: Callable[[int, T], Iterable[T]]
+) -> tuple[list[T], float]:
+    """Choose one of each session such that no other one of a session is better; with the value that it has.
+
+    Args:
+        start: where to begin.
+        value: of all sessions' choices together.
+        others: what else may be chosen of a session, by its index and what is chosen.
+    """
+    best, reached, moved = list(start), value(start), True
     while moved:
         moved = False
-        for k, options in enumerate(said):
-            for i in range(len(options)):
-                trial = [*best[:k], i, *best[k + 1 :]]
-                if i != best[k] and (now := value(trial)) > reached:
+        for k in range(len(best)):
+            for other in others(k, best[k]):
+                trial = [*best[:k], other, *best[k + 1 :]]
+                if (now := value(trial)) > reached:
                     best, reached, moved = trial, now, True
-    return reached
+    return best, reached
 
 
 def permuted(
