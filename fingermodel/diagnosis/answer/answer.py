@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 
 # Effects are shown from this probability on.
 _SHOWN = 1e-4
+# Keys of a compared case that are shown.
+_OF_CASE = ("id", "role", "posture", "location", "masses_g", "measured_N", "measured_sd_N")
 # Slips of a suspect that are shown at most, and from which probability.
 _SLIPS, _SLIP = 3, 0.05
 
@@ -87,17 +89,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "after_allowing_for_form_and_budget": best.misfit(best.best),
         },
         "cases": [
-            {
-                "id": old.id,
-                "role": old.role,
-                "posture": old.posture,
-                "location": old.location,
-                "masses_g": old.masses_g,
-                "measured_N": old.measured_N.tolist(),
-                "measured_sd_N": old.measured_sd_N.tolist(),
-                "before_N": old.predicted_N.tolist(),
-                "after_N": new.predicted_N.tolist(),
-            }
+            {key: value for key, value in old.as_dict().items() if key in _OF_CASE}
+            | {"before_N": old.predicted_N.tolist(), "after_N": new.predicted_N.tolist()}
             for old, new in zip(before.cases, after.cases, strict=True)
         ],
         "confounding": d.confounding.as_dict(),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of
+from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of, largest_loads
 from fingermodel.diagnosis.settings import SEED
 from fingermodel.fitting.roots import root_of
 
@@ -25,16 +25,12 @@ def effect_size(d: Diagnosis) -> dict[str, Any]:
     """
     fit, session = d.best, d.session
     observations, model = session.observations, session.model
-    used = [i for i, role in enumerate(observations.roles) if role != "check"]
-    largest: dict[str, float] = {}
-    for i in used:
-        for muscle, mass in observations.masses_g[i].items():
-            largest[muscle] = max(largest.get(muscle, 0.0), mass)
-    places = dict.fromkeys((observations.postures[i], observations.locations[i]) for i in used)
+    set_up = zip(observations.postures, observations.locations, strict=True)
+    places = dict.fromkeys((posture, location) for posture, location in set_up if posture)
     cases = [
         PlannedReading(posture, location, {muscle: mass * level})
         for posture, location in places
-        for muscle, mass in largest.items()
+        for muscle, mass in largest_loads(observations).items()
         for level in _LEVELS
     ]
     theta, covariance, index = fit.parameter_posterior(fit.best)

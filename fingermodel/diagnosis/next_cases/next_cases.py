@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from fingermodel.comparison.comparison import muscles_of
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
@@ -132,24 +133,27 @@ def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Optimum, float]]:
     return {name: (fit, p / total) for name, (fit, p) in out.items()}
 
 
+def largest_loads(observations: Observations) -> dict[str, float]:
+    """Largest mass [g] that hung on each tendon."""
+    out: dict[str, float] = {}
+    for masses in observations.masses_g:
+        for muscle, mass in masses.items():
+            out[muscle] = max(out.get(muscle, 0.0), mass)
+    return out
+
+
 def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
     """Postures, mounts and tendons of the session; each tendon alone, at full and half load, and in twos."""
     observations = diagnosis.session.observations
     used = [i for i, role in enumerate(observations.roles) if role != "check"]
     postures = list(dict.fromkeys(observations.postures[i] for i in used))
     locations = list(dict.fromkeys(observations.locations[i] for i in used))
-    largest: dict[str, float] = {}
-    for i in used:
-        for muscle, mass in observations.masses_g[i].items():
-            largest[muscle] = max(largest.get(muscle, 0.0), mass)
-    loads: list[dict[str, float]] = []
-    for muscle, mass in largest.items():
-        loads += [{muscle: mass}, {muscle: round(mass / 2.0)}]
+    largest = largest_loads(observations)
+    loads = [{muscle: part} for muscle, mass in largest.items() for part in (mass, round(mass / 2.0))]
     # No more than the rig has ever carried at once.
-    limit = max(sum(observations.masses_g[i].values()) for i in used)
-    for a, b in combinations(largest, 2):
-        if largest[a] + largest[b] <= limit + 1e-9:
-            loads.append({a: largest[a], b: largest[b]})
+    limit = max(sum(masses.values()) for masses in observations.masses_g) + 1e-9
+    pairs = combinations(largest, 2)
+    loads += [{a: largest[a], b: largest[b]} for a, b in pairs if largest[a] + largest[b] <= limit]
     return [PlannedReading(p, place, masses) for p in postures for place in locations for masses in loads]
 
 
@@ -195,14 +199,10 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
 
 def _varied(cases: Sequence[NextCase]) -> list[NextCase]:
     """The best case of each posture, mount and set of tendons."""
-    seen: set[tuple[str, str, str]] = set()
-    out = []
+    best: dict[tuple[str, str, str], NextCase] = {}
     for c in cases:
-        key = (c.case.posture, c.case.location, muscles_of(c.case.masses_g))
-        if key not in seen:
-            seen.add(key)
-            out.append(c)
-    return out
+        best.setdefault((c.case.posture, c.case.location, muscles_of(c.case.masses_g)), c)
+    return list(best.values())
 
 
 def _reads_moments(diagnosis: Diagnosis) -> bool:
