@@ -105,11 +105,9 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
         if kind in ("one", "two") and true:
             known = add_effects(bench.model, bench.observations, true, starts=1)
             from fingermodel.comparison.comparison import compare
-            from fingermodel.diagnosis.diagnose import validation_rmse
 
-            out["truth_rmse_N"] = validation_rmse(
-                bench.model, compare(bench.model, bench.observations, known.fit.theta)
-            )
+            unseen = compare(bench.model, bench.observations, known.fit.theta).select(role="validation")
+            out["truth_rmse_N"] = unseen.errors(unseen.judged_in).rmse_N
             # Of two, each must show beside the other.
             others = [add_effects(bench.model, bench.observations, [t], starts=1) for t in true if len(true) > 1]
             least = known.log_evidence_gain - max((o.log_evidence_gain for o in others), default=0.0)

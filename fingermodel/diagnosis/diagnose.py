@@ -24,7 +24,7 @@ from fingermodel.diagnosis.search.search import Searched, search, unsearched
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.session_model.slip_odds import Explained
-from fingermodel.diagnosis.settings import MOST_FITS, SUSPECT
+from fingermodel.diagnosis.settings import MOST_FITS
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.own_curve import own_curves
@@ -109,7 +109,7 @@ class Diagnosis:
         """
         apart = self._standing_apart.items()
         found = {case: (p * (slip.is_slip if slip else 1.0), slip) for case, (p, slip) in apart}
-        return {case: (p, slip) for case, (p, slip) in sorted(found.items(), key=lambda e: -e[1][0]) if p >= SUSPECT}
+        return {case: (p, slip) for case, (p, slip) in sorted(found.items(), key=lambda e: -e[1][0]) if p >= 0.5}
 
     @property
     def outliers(self) -> tuple[int, ...]:
@@ -125,7 +125,7 @@ class Diagnosis:
         if checked is not None and not checked.vetoes:
             odds |= checked.bad
             slips |= checked.slips
-        return {case: (p, slips.get(case)) for case, o in odds.items() if (p := float(expit(o))) >= SUSPECT}
+        return {case: (p, slips.get(case)) for case, o in odds.items() if (p := float(expit(o))) >= 0.5}
 
     def comparison(self, fit: Optimum) -> Comparison:
         """Measured and predicted forces of a fit, cases that stand apart left out."""
@@ -138,7 +138,8 @@ class Diagnosis:
 
     def validation_rmse(self, fit: Optimum) -> float | None:
         """RMSE [N] of the validation cases that do not stand apart, in the plane that the finger is judged in."""
-        return validation_rmse(self.session.model, self.comparison(fit))
+        compared = self.comparison(fit).select(role="validation")
+        return compared.errors(compared.judged_in).rmse_N
 
 
 def diagnose(
@@ -206,7 +207,8 @@ def diagnose(
     )
     if faults:
         # To be put right in the session: what would make up for it is no finding.
-        verdict = in_doubt(verdict)
+        in_doubt = "what is missing shows once that is corrected"
+        verdict = Verdict("undecided", (), (), verdict.probability, (), (in_doubt,))
     elif verdict.kind in ("none_of_catalogue", "undecided"):
         # Beside what is sure to act by its name: what is not would explain part of what is unknown.
         sure = posterior.best_fit(sure_names(posterior)) or posterior.nothing
@@ -246,13 +248,3 @@ def added_by(posterior: Posterior, verdict: Verdict) -> Optimum:
     if verdict.kind in ("nothing_missing", "none_of_catalogue"):
         return posterior.nothing
     return posterior.leader
-
-
-def in_doubt(verdict: Verdict) -> Verdict:
-    """What is left of a verdict where the whole session has a fault: nothing is known of what is missing."""
-    return Verdict("undecided", (), (), verdict.probability, (), ("what is missing shows once that is corrected",))
-
-
-def validation_rmse(model: Model, comparison: Comparison) -> float | None:
-    """RMSE [N] of the validation cases, in the plane that the finger is judged in."""
-    return comparison.select(role="validation").errors(model.finger.judged_in).rmse_N

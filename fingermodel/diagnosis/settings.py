@@ -53,7 +53,7 @@ SMOOTH_N = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
 # the force in every direction, relative to it; and of each joint angle [rad]. A stated scatter of the tensions is
 # believed within a factor.
 TENSION = Amount(0.7, 0.015, np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056]))
-COMPONENT = DIRECTION = Amount(0.3, 0.01, np.array([0.0, 0.005, 0.01, 0.02, 0.04]))
+READING = Amount(0.3, 0.01, np.array([0.0, 0.005, 0.01, 0.02, 0.04]))
 ANGLE_RAD = Amount(0.3, np.deg2rad(1.0), np.deg2rad([0.0, 0.5, 1.0, 2.0]))
 STATED_FACTOR = 1.5
 # Errors that a group of cases has in common. Those of one setting, for which the finger is clamped anew, are multiples
@@ -117,7 +117,6 @@ SHARED_SIZES = {
 # --- What is said -----------------------------------------------------------------------------------------------------
 SURE = 0.9
 NOTHING_SURE = 0.8
-SUSPECT = 0.5
 # Fewer identification cases decide nothing.
 LEAST_CASES = 6
 # Predictive check, and misfit of nothing missing: one chance in ten thousand is out of the question.
@@ -141,7 +140,6 @@ SHARED_P = 0.02
 WITHIN = 2.0
 # The same from which its hyperparameters are not looked at further than where it leads upwards.
 FAR = 30.0
-NODES_WITHIN = 2.0
 # Most nodes of one explanation; those beyond count as if the axes were independent of each other.
 MOST_NODES = 100
 # Most refits of a search.

@@ -26,6 +26,9 @@ Node = tuple[int, ...]
 SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, GROUP = range(8)
 GROUPS = GroupErrors._fields
 SMOOTH = GROUP + len(GROUPS)
+# Scatter beside that of the tensions, and errors by group, by their names.
+OTHER_SCATTER = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
+OTHER_SCATTER |= {name: GROUP + k for k, name in enumerate(GROUPS)}
 # Those of `CaseErrors`.
 OF_CASES = slice(SCATTER, BUDGET)
 # Those of `GroupErrors`.
@@ -37,7 +40,7 @@ FORMS = CARRIER + 1
 ACTING = ("held", "budget", "anatomy")
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
-_SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.COMPONENT, settings.DIRECTION, settings.ANGLE_RAD)
+_SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.READING, settings.READING, settings.ANGLE_RAD)
 _GRIDS = (
     *[size.values for size in (*_SIZES, settings.OF_GROUP, settings.OF_GROUP.times(settings.WEIGHT))],
     settings.OF_GROUP.times(settings.LINE_RAD).values,

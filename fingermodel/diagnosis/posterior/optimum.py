@@ -27,7 +27,7 @@ from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN
 from fingermodel.diagnosis.posterior.own_part import OwnPart
 from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.settings import FAR, NODES_WITHIN
+from fingermodel.diagnosis.settings import FAR, WITHIN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -144,7 +144,7 @@ class Optimum(Integrated):
     def of_one(self) -> Node:
         """The mode, or a better node where what is smooth is of one tendon or of one rotation alone."""
         nodes = self.hyper.with_carriers(self.mode)
-        if self._hopeless(self.mode) or max(self._steps.each(nodes)) < self._steps.at(self.mode) - NODES_WITHIN:
+        if self._hopeless(self.mode) or max(self._steps.each(nodes)) < self._steps.at(self.mode) - WITHIN:
             return self.mode
         return self._steps.best([self.mode, self._climbed_from(nodes)])
 

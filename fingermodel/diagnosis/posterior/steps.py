@@ -8,10 +8,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.hyper import Node
-from fingermodel.diagnosis.settings import MOST_NODES, NODES_WITHIN
+from fingermodel.diagnosis.settings import MOST_NODES, WITHIN
 
 # A step that lost so much wherever it was taken is not taken again.
-_LOST = 3.0 * NODES_WITHIN
+_LOST = 3.0 * WITHIN
 
 
 class Steps:
@@ -71,7 +71,7 @@ class Steps:
     def explored(self, starts: Sequence[Node], neighbours: Callable[[Node], list[Node]]) -> dict[Node, float]:
         """Log joint of the nodes that matter: from the best one outwards, until all beyond are improbable.
 
-        Neighbours are asked of nodes that are at most `NODES_WITHIN` less probable than the best, the best first, until
+        Neighbours are asked of nodes that are at most `WITHIN` less probable than the best, the best first, until
         `MOST_NODES` are known.
 
         Args:
@@ -84,7 +84,7 @@ class Steps:
         gained: dict[Node, float] = {}
         while ahead and len(found) < MOST_NODES:
             node, most = max(ahead, key=lambda n: found[n]), max(found.values())
-            if found[node] < most - NODES_WITHIN:
+            if found[node] < most - WITHIN:
                 break
             ahead.remove(node)
             steps = {there: _step(node, there) for there in neighbours(node)}

@@ -12,7 +12,7 @@ from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.beginning import Beginner, Beginning, Slipped, bad_in
 from fingermodel.diagnosis.search.case_odds import explained, odds_of_each, odds_of_taken, slips_of
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, Apart, chance_of
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, chance_of
 from fingermodel.diagnosis.session_model.slip_odds import SlipsAbout
 from fingermodel.diagnosis.settings import P_VALUE
 
@@ -100,7 +100,7 @@ class BadCases:
             gains = replace(host, bad=frozenset(taken)).log_odds_bad(node)
             odds = {case: LOG_PRIOR_ODDS + gain for case, gain in gains.items() if case not in taken}
             worst = max(odds, key=lambda case: odds[case], default=None)
-            if worst is None or odds[worst] < SUSPECT_LOG_ODDS:
+            if worst is None or odds[worst] < 0.0:
                 break
             taken.append(worst)
         return tuple(frozenset({case}) for case in taken)
@@ -109,7 +109,7 @@ class BadCases:
         """Cases taken for bad that are not where all candidates act, or where none does."""
         hosts = (begun.every, begun.nothing) if begun.bad else ()
         odds = [odds_of_taken(begun.bad, [host], host)[0] for host in hosts]
-        return frozenset(case for of_host in odds for case, value in of_host.items() if value < SUSPECT_LOG_ODDS)
+        return frozenset(case for of_host in odds for case, value in of_host.items() if value < 0.0)
 
     def _paired(self, begun: Beginning) -> Slipped:
         """The slips so far, two bad cases that were exchanged as one."""
@@ -129,7 +129,7 @@ class BadCases:
             slips = explained(host, least)
             least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
             partners |= {c: e.partner for c, e in slips.items()}
-            least = {c: o for c, o in least.items() if o >= SUSPECT_LOG_ODDS}
+            least = {c: o for c, o in least.items() if o >= 0.0}
         return {c: (o, partners.get(c)) for c, o in least.items()}
 
 

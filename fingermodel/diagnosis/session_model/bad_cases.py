@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, LONGEST_MM, P_BAD, SUSPECT, TAIL_N
+from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, LONGEST_MM, P_BAD, TAIL_N
 
 Floats = NDArray[np.float64]
 
-# Log odds of a case to be bad, before its reading; and from which it is suspect.
+# Log odds of a case to be bad, before its reading.
 LOG_PRIOR_ODDS = float(np.log(P_BAD / (1.0 - P_BAD)))
-SUSPECT_LOG_ODDS = float(np.log(SUSPECT / (1.0 - SUSPECT)))
 
 
 def bad_size(moment: NDArray[np.bool_], reading: Floats, pulled_N: Floats, usual_N: float) -> Floats:

@@ -12,12 +12,7 @@ from scipy.special import chdtrc, expit, logit, logsumexp
 from fingermodel.diagnosis.posterior.hyper import BUDGET, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.bad_cases import (
-    LOG_PRIOR_ODDS,
-    SUSPECT_LOG_ODDS,
-    Apart,
-    chance_of,
-)
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, chance_of
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.session import Session
@@ -228,7 +223,7 @@ def check(fit: Optimum) -> PredictiveCheck:
         unlike = {case: _LOG_UNLIKE + could[case].anything for case in could.keys() & session.unlike_fitted}
         either = {case: max(o, unlike.get(case, o)) for case, o in odds.items()}
         worst = max(either, key=lambda c: either[c], default=None)
-        if worst is None or either[worst] < SUSPECT_LOG_ODDS:
+        if worst is None or either[worst] < 0.0:
             break
         partner = found[worst].partner
         if either[worst] > odds[worst]:
@@ -241,7 +236,7 @@ def check(fit: Optimum) -> PredictiveCheck:
         explained = about.explain(held, scatter)
         odds = {case: _log_odds(session, held[case], explained[case].gain) for case in held}
         least = min(odds, key=lambda c: odds[c], default=None)
-        if least is None or odds[least] >= SUSPECT_LOG_ODDS:
+        if least is None or odds[least] >= 0.0:
             break
         bad.remove(least)
     log_density = _log_density(predictions, bad)
@@ -308,7 +303,7 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
     for case in dict.fromkeys(case for c in asked.values() for case in c.bad):
         p = [(float(np.exp(log[e] - top)), expit(c.bad.get(case, -np.inf)), c) for e, c in asked.items()]
         odds = float(logit(min(sum(weight * one for weight, one, _ in p), 1.0 - 1e-15)))
-        if odds >= SUSPECT_LOG_ODDS:
+        if odds >= 0.0:
             bad[case] = odds
             slips[case] = max(p, key=lambda entry: entry[0] * entry[1])[2].slips[case]
     return {e: c.setting_apart(bad, slips) for e, c in out.items()}

@@ -23,7 +23,7 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE, SUSPECT
+from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE
 from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind, changes, told
 from fingermodel.diagnosis.verdict.corrections import OF_A_SLIP, Corrected, Entries
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
@@ -297,7 +297,7 @@ def _probable(
     total = float(logsumexp([*rest, *log_posterior]))
     each = zip(found, log_posterior, strict=True)
     out = [SessionFault(f.kind, f.words, float(np.exp(v - total)), f.amend) for f, v in each]
-    return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
+    return sorted((f for f in out if f.probability >= 0.5), key=lambda f: -f.probability)
 
 
 def _strikes(entries: Entries, changed: Mask) -> bool:
