@@ -74,13 +74,11 @@ class Curve:
         stage: at which it acts.
         parts: (tendon, joint or mount and axis) of each group of weights.
         columns: (fitted readings, weights) [N, N mm] per unit; groups one after another, features within.
-        changes: (cases, 6, weights) the same of all readings.
     """
 
     stage: Stage
     parts: tuple[tuple[str, str], ...]
     columns: Floats
-    changes: Floats
 
 
 class Curves:
@@ -110,13 +108,9 @@ class Curves:
     def of(self, fit: Optimum, stage: Stage) -> Curve:
         """The columns of one session."""
         session, features = fit.session, self.at(fit)
-        parts, changes = [], []
-        for part, change in _unit_changes(fit, stage):
-            parts.append(part)
-            changes.append(change[:, :, None] * features[:, None, :])
-        whole = np.concatenate(changes, axis=2)
-        rows = session.rows[session.fitted]
-        return Curve(stage, tuple(parts), whole.reshape(-1, whole.shape[2])[rows], whole)
+        rows, of_parts = session.rows[session.fitted], dict(_unit_changes(fit, stage))
+        columns = [change.reshape(-1)[rows, None] * features[rows // 6] for change in of_parts.values()]
+        return Curve(stage, tuple(of_parts), np.concatenate(columns, axis=1))
 
 
 def _unit_changes(fit: Optimum, stage: Stage) -> Iterator[tuple[tuple[str, str], Floats]]:
@@ -218,8 +212,7 @@ def values_of(curves: Curves, said: Sequence[Said], size: float) -> tuple[Floats
     root, features = curves.root, curves.root.shape[1]
     mean = size * weights.reshape(-1, features) @ root.T
     blocks = covariance.reshape(-1, features, len(covariance) // features, features)
-    own = np.array([blocks[k, :, k] for k in range(len(blocks))])
-    variance = size**2 * np.einsum("pf,kfg,pg->kp", root, own, root)
+    variance = size**2 * np.einsum("pf,kfkg,pg->kp", root, blocks, root)
     return mean, np.sqrt(np.maximum(variance, 0.0))
 
 

@@ -44,10 +44,8 @@ class Integrated(Linearised):
         Returns:
             Information (k,) of each weight, and its score (k,).
         """
-        (across, left), new = self.marginal(node), self.whitening(node) @ columns
-        turned = across @ new
-        information = (new**2).sum(axis=0) - (turned**2).sum(axis=0)
-        return np.maximum(information, 0.0), new.T @ left - turned.T @ (across @ left)
+        new, turned, score = self._beside(columns, node)
+        return np.maximum((new**2).sum(axis=0) - (turned**2).sum(axis=0), 0.0), score
 
     def information(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
         """What the readings say of further columns together, beside everything that acts at a node.
@@ -59,9 +57,14 @@ class Integrated(Linearised):
         Returns:
             Information (k, k) of the weights, and their score (k,).
         """
+        new, turned, score = self._beside(columns, node)
+        return new.T @ new - turned.T @ turned, score
+
+    def _beside(self, columns: Floats, node: Node) -> tuple[Floats, Floats, Floats]:
+        """Further columns whitened, and turned into what all that acts takes away of them; score of their weights."""
         (across, left), new = self.marginal(node), self.whitening(node) @ columns
         turned = across @ new
-        return new.T @ new - turned.T @ turned, new.T @ left - turned.T @ (across @ left)
+        return new, turned, new.T @ left - turned.T @ (across @ left)
 
     def left_out_gains(self, columns: Floats, node: Node, spread: float = 1.0) -> Floats:
         """Log density (k,) that further columns add to the cases, each case predicted from all others.

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import (
-    ANATOMY,
-    ANGLE,
-    BUDGET,
-    COMPONENT,
-    DIRECTION,
-    GROUP,
-    GROUPS,
-    NOISE,
-    SCATTER,
-    Node,
-)
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, OTHER_SCATTER, SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import EVIDENCE_POWER
 
 Floats = NDArray[np.float64]
+K = TypeVar("K", bound=Hashable)
 
 
 def weighed(log_posterior: float, log_prior: float) -> float:
     """Log of a hypothesis' probability, up to a constant: its prior times its evidence to a power."""
     return log_prior + EVIDENCE_POWER * (log_posterior - log_prior)
+
+
+def summed(each: Iterable[tuple[K, float]]) -> dict[K, float]:
+    """Sum of the probabilities of each key, the most probable first."""
+    out: dict[K, float] = {}
+    for key, p in each:
+        out[key] = out.get(key, 0.0) + p
+    return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
 def _by_structure(fit: Optimum, nodes: Mapping[Node, float]) -> tuple[float, dict[Node, float]]:
@@ -175,11 +174,8 @@ class Posterior:
     @cached_property
     def inclusion(self) -> dict[str, float]:
         """Probability that each candidate acts by its name; the most probable first."""
-        out: dict[str, float] = {}
-        for entry in self.entries:
-            for name in entry.named:
-                out[name] = out.get(name, 0.0) + entry.probability
-        return {name: min(p, 1.0) for name, p in sorted(out.items(), key=lambda item: -item[1])}
+        by_name = summed((name, e.probability) for e in self.entries for name in e.named)
+        return {name: min(p, 1.0) for name, p in by_name.items()}
 
     @cached_property
     def p_nothing(self) -> float:
@@ -204,12 +200,9 @@ class Posterior:
         The rest of the probability is that several of them have.
         """
         known = [(e.fit.hyper, e.node, e.probability) for e in self.entries if e.fit and e.node]
-        smooth = [(hyper.carrier(node), p) for hyper, node, p in known if hyper.smooth_blocks(node)]
-        out: dict[str, float] = {}
-        for carrier, p in smooth:
-            out[carrier] = out.get(carrier, 0.0) + p
-        total = sum(out.values())
-        return {name: p / total for name, p in sorted(out.items(), key=lambda item: -item[1]) if name}
+        carried = summed((hyper.carrier(node), p) for hyper, node, p in known if hyper.smooth_blocks(node))
+        total = sum(carried.values())
+        return {name: p / total for name, p in carried.items() if name}
 
     def of_names(self, names: Iterable[str]) -> float:
         """Probability that all of some candidates act by their name."""
@@ -223,11 +216,8 @@ class Posterior:
 
     def of_explanations(self) -> dict[tuple[str, ...] | None, float]:
         """By the names that act and nothing unknown beside them; None is whatever has something unknown or outside."""
-        out: dict[tuple[str, ...] | None, float] = {(): 0.0, None: 0.0}
-        for entry in self.entries:
-            key = None if entry.unnamed else entry.explanation.names
-            out[key] = out.get(key, 0.0) + entry.probability
-        return out
+        none: dict[tuple[str, ...] | None, float] = {(): 0.0, None: 0.0}
+        return none | summed((None if e.unnamed else e.explanation.names, e.probability) for e in self.entries)
 
     def best_fit(self, names: Sequence[str]) -> Optimum | None:
         """The most probable fit of exactly these names."""
@@ -254,10 +244,8 @@ class Posterior:
 
         None of what these readings cannot show.
         """
-        axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
-        axes |= {name: GROUP + k for k, name in enumerate(GROUPS)}
         known = self.nothing.hyper.axes
-        return {kind: self.hyperparameter(axis) for kind, axis in axes.items() if len(known[axis].values) > 1}
+        return {kind: self.hyperparameter(axis) for kind, axis in OTHER_SCATTER.items() if len(known[axis].values) > 1}
 
     @property
     def budget(self) -> tuple[float, float]:

@@ -196,7 +196,7 @@ def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floa
 
 def postures_in_use(observations: Observations) -> list[str]:
     """Postures of the cases; none where they are so many that a block of cases is hardly more than one."""
-    names = [name for name in observations.posture_angles if name in observations.postures]
+    names = list(observations.posture_angles)
     return names if len(names) <= MOST_BLOCKS else []
 
 

@@ -84,15 +84,9 @@ def _inverse_root(block: Floats) -> Floats:
 
 def _classes(names: tuple[str, ...], correlation: Floats, shown: NDArray[np.bool_]) -> tuple[tuple[str, ...], ...]:
     """Connected sets of candidates that are alike and can be seen."""
-    left, out = set(np.flatnonzero(shown)), []
-    while left:
-        group, todo = set(), [left.pop()]
-        while todo:
-            i = todo.pop()
-            group.add(i)
-            near = {j for j in left if correlation[i, j] >= ALIKE}
-            left -= near
-            todo += near
-        if len(group) > 1:
-            out.append(tuple(names[i] for i in sorted(group)))
-    return tuple(out)
+    joined = (correlation >= ALIKE) & shown & shown[:, None]
+    for k in range(len(names)):
+        # Whatever is alike to one is joined to all that this one is joined to.
+        joined |= joined[:, [k]] & joined[k]
+    groups = dict.fromkeys(tuple(np.flatnonzero(row)) for row in joined)
+    return tuple(tuple(names[i] for i in group) for group in groups if len(group) > 1)

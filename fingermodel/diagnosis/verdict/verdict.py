@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, Node
-from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.marginals import Posterior, summed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_CASES, NOTHING_SURE, P_VALUE, SURE
@@ -222,12 +222,8 @@ def _rig_as_stated(fit: Optimum, of: Node) -> Node:
 
 
 def _beyond(posterior: Posterior) -> tuple[str, ...]:
-    known: dict[str, float] = {}
-    for entry in posterior.entries:
-        for member in entry.explanation.members:
-            if member.candidate.outside:
-                known[member.candidate.name] = known.get(member.candidate.name, 0.0) + entry.probability
-    best = max(known, key=lambda n: known[n], default=None)
+    acting = ((m.candidate, e.probability) for e in posterior.entries for m in e.explanation.members)
+    known = summed((candidate.name, p) for candidate, p in acting if candidate.outside)
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
@@ -235,7 +231,7 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     said = (
         f"Something of about {posterior.beyond_newton:.2g} N acts that no effect here describes{''.join(alone)}{looks}."
     )
-    if best is not None and known[best] >= 0.5:
+    if (best := next(iter(known), "")) and known[best] >= 0.5:
         title = next(e.title for e in leader.session.model.effects if e.name == best.split(".")[0])
         said = f"Most of it is {best}, which rigs are known for and the catalogue leaves out: {title}."
     return (said, *_beside(posterior, ()))
