@@ -75,7 +75,7 @@ def balance(r: Readings) -> Null:
         parts,
         f"Tip and bone together balance the tendons' pulls in {count(len(pairs), 'load')}: {amount}.",
         f"Tip and bone do not balance the tendons' pulls in {count(len(pairs), 'load')}: {amount}; worst is "
-        f"{r.worst(residual, first, mount=False)}{f'; {mistake}' if mistake else ''}.",
+        f"{r.worst(residual, first, mount=False)}{f'; {mistake.words}' if mistake else ''}.",
         [i for pair in pairs for cases in pair for i in cases],
     )
 

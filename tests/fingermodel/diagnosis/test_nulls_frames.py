@@ -128,6 +128,7 @@ def test_it_is_said_where_tip_and_bone_do_not_balance_and_with_the_verdict(bench
     (balance,) = [n for n in nulls(bench.model, wrong) if n.name == "balance"]
     assert balance.verdict == "violated"
     assert words in balance.text
+    assert "RigMistake" not in balance.text
     catalogue = Session.open("DEV-02")
     found = diagnose(catalogue.model, wrong)
     # What would make up for it is no finding.
