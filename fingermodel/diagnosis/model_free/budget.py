@@ -86,6 +86,14 @@ class Readings:
         """Whether weight had come off last."""
         return [bool(x) for x in np.asarray(self.observations.inputs.unloading)]
 
+    def place(self, case: int) -> tuple[str, str]:
+        """Posture and mount of a case."""
+        return self.observations.postures[case], self.observations.locations[case]
+
+    def stood(self, case: int) -> tuple[object, ...]:
+        """Posture, mount, setting and mounting: nothing was touched between cases that have the same."""
+        return (*self.place(case), self.setting[case], self.mounting[case])
+
     @property
     def load(self) -> Floats:
         """(n,) sum of the tensions [N]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -36,13 +36,12 @@ def superposition(r: Readings) -> Null:
     name = "superposition"
     singles = r.groups(
         (i for i in r.loaded if len(r.masses[i]) == 1),
-        lambda i: (r.observations.postures[i], r.observations.locations[i], r.unloading[i], r.masses[i][0][0]),
+        lambda i: (*r.place(i), r.unloading[i], r.masses[i][0][0]),
     )
     together: list[int] = []
     sums: list[Floats] = []
     for i in r.loaded:
-        place = (r.observations.postures[i], r.observations.locations[i], r.unloading[i])
-        alone = [singles.get((*place, muscle), []) for muscle, _ in r.masses[i]]
+        alone = [singles.get((*r.place(i), r.unloading[i], muscle), []) for muscle, _ in r.masses[i]]
         if len(alone) > 1 and all(alone):
             together.append(i)
             sums.append(sum((_alone_at(r, cases, i) for cases in alone), np.zeros(len(r.wrench))))
@@ -73,7 +72,7 @@ def _alone_at(r: Readings, cases: list[int], together: int) -> Floats:
 
     In proportion from one level, else along the line through the two levels next to it.
     """
-    same = [i for i in cases if r.setting[i] == r.setting[together] and r.mounting[i] == r.mounting[together]] or cases
+    same = [i for i in cases if r.stood(i) == r.stood(together)] or cases
     muscle = r.model.finger.topology.muscles.index(r.masses[same[0]][0][0])
     load = float(r.tension[together, muscle])
     levels = _levels(r, same)
@@ -103,17 +102,7 @@ def _levels(r: Readings, cases: Iterable[int]) -> Levels:
 def load_levels(r: Readings) -> Null:
     """Forces grow in proportion to the load: nothing is left at no load, and the line does not bend."""
     name, n = "load_levels", len(r.wrench)
-    same = r.groups(
-        r.loaded,
-        lambda i: (
-            r.observations.postures[i],
-            r.observations.locations[i],
-            r.setting[i],
-            r.mounting[i],
-            r.mix[i],
-            r.unloading[i],
-        ),
-    )
+    same = r.groups(r.loaded, lambda i: (*r.stood(i), r.mix[i], r.unloading[i]))
     series = [levels for cases in same.values() if len(levels := _levels(r, cases)) > 1]
     if not series:
         return not_tested(name, "No tendon was loaded at two levels in the same posture and at the same mount.")
@@ -202,14 +191,6 @@ def repeats(r: Readings) -> Null:
     )
 
 
-def _place(r: Readings) -> Callable[[int], tuple[object, ...]]:
-    return lambda i: (r.observations.postures[i], r.observations.locations[i], r.masses[i])
-
-
-def _fixed(r: Readings) -> Callable[[int], tuple[object, ...]]:
-    return lambda i: (*_place(r)(i), r.setting[i], r.mounting[i])
-
-
 def _mean(r: Readings, cases: Sequence[int]) -> Floats:
     out = np.zeros(len(r.wrench))
     out[cases] = 1.0 / len(cases)
@@ -226,8 +207,7 @@ def _compared(r: Readings, rows: list[Floats], cases: list[int]) -> tuple[Residu
 
 def _as_it_stood(r: Readings) -> _Again | None:
     """Repeats with nothing touched in between, and what of their differences follows the clock."""
-    fixed = _fixed(r)
-    groups = r.groups(r.loaded, lambda i: (*fixed(i), r.unloading[i])).values()
+    groups = r.groups(r.loaded, lambda i: (*r.stood(i), r.masses[i], r.unloading[i])).values()
     pairs = [(first, later) for first, *others in groups for later in others]
     if not pairs:
         return None
@@ -254,9 +234,8 @@ def _set_anew(r: Readings) -> _Again | None:
     """Repeats after the posture was set again or the cell moved."""
     rows: list[Floats] = []
     named: list[int] = []
-    place = _place(r)
-    for cases in r.groups(r.loaded, lambda i: (*place(i), r.unloading[i])).values():
-        first, *others = r.groups(cases, _fixed(r)).values()
+    for cases in r.groups(r.loaded, lambda i: (*r.place(i), r.masses[i], r.unloading[i])).values():
+        first, *others = r.groups(cases, r.stood).values()
         rows += [_mean(r, other) - _mean(r, first) for other in others]
         named += [other[0] for other in others]
     if not rows:
@@ -270,7 +249,7 @@ def _on_unloading(r: Readings) -> _Again | None:
     rows: list[Floats] = []
     middle: list[Floats] = []
     named: list[int] = []
-    for cases in r.groups(r.loaded, _fixed(r)).values():
+    for cases in r.groups(r.loaded, lambda i: (*r.stood(i), r.masses[i])).values():
         off, on = [i for i in cases if r.unloading[i]], [i for i in cases if not r.unloading[i]]
         if off and on:
             rows.append(_mean(r, off) - _mean(r, on))
