@@ -167,17 +167,9 @@ def add_effects(
     gain = 0.0 if best is base else best.log_posterior - alone
     recipe = Recipe.of(best, (*begun.plain, *best.best[FORMS:]))
     problem = recipe.problem(model, observations, plane, held)
-    values = fitter.hyper.values(recipe.node)
-    by_case, apart = values.errors, tuple(observations.ids[case] for case in recipe.bad)
-    extra_noise = None if observations.noise_assumed else by_case.noise
-    errors = ReadingErrors(
-        scatter=by_case.scatter,
-        extra_noise_N=extra_noise,
-        not_counted=apart,
-        component=by_case.component,
-        direction=by_case.direction,
-        angle_rad=by_case.angle_rad,
-        **values.groups._asdict(),
-    )
+    values, apart = fitter.hyper.values(recipe.node), tuple(observations.ids[case] for case in recipe.bad)
+    sizes = values.errors._asdict() | values.groups._asdict()
+    noise = sizes.pop("noise")
+    errors = ReadingErrors(extra_noise_N=None if observations.noise_assumed else noise, not_counted=apart, **sizes)
     fit = refit_map(problem, start=best.theta, also=also, starts=starts, progress=progress, errors=errors)
     return Addition(fit, best.explanation.names, gain, recipe)

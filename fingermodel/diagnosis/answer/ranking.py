@@ -155,16 +155,11 @@ def _strength(fit: Optimum) -> float:
 
 def _in_range(fit: Optimum) -> bool:
     """Whether all of an explanation's values lie within one and a half times their plausible ranges."""
-    for i in fit.explanation.parameters:
-        p = fit.session.model.parameters.parameters[i]
-        low, high = p.plausible or (p.lower, p.upper)
-        if (
-            not p.initial - 1.5 * (p.initial - low) - 1e-9
-            <= fit.theta[i]
-            <= p.initial + 1.5 * (high - p.initial) + 1e-9
-        ):
-            return False
-    return True
+    own = [(fit.session.model.parameters.parameters[i], fit.theta[i]) for i in fit.explanation.parameters]
+    ranges = [(p.plausible or (p.lower, p.upper), p.initial, value) for p, value in own]
+    return all(
+        1.5 * (low - null) - 1e-9 <= value - null <= 1.5 * (high - null) + 1e-9 for (low, high), null, value in ranges
+    )
 
 
 def _variant(explanation: Explanation) -> str | None:
@@ -177,6 +172,5 @@ def _variant(explanation: Explanation) -> str | None:
 
 
 def _detectability(d: Diagnosis, explanation: Explanation) -> float | None:
-    values = [d.confounding.detectability.get(n) for n in explanation.names]
-    known = [v for v in values if v is not None]
-    return min(known) if known else None
+    known = d.confounding.detectability
+    return min((known[name] for name in explanation.names if name in known), default=None)

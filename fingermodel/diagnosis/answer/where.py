@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 # Parameters of the budget that are told, from so many of their stated widths on.
 BENT = 2.0
+# How large a moment may be that was not read.
+_UNREAD_NMM = 50.0
 
 
 def where(problem: Problem, theta: Floats) -> dict[str, Any]:
@@ -131,33 +133,24 @@ def missing_torque(problem: Problem, residual: Floats, used: list[int]) -> tuple
     tips = [i for i in used if observations.locations[i] == "tip"]
     if not tips:
         return {}, []
-    jacobian = np.asarray(tip_kinematics_batch(topology, model.values, observations.inputs.posture).jacobian)[tips]
-    reactions = list(topology.reactions)
-    cases, squares = [], []
-    for row, i in enumerate(tips):
-        lever = jacobian[row, reactions].T
-        covariance = observations.case_covariance[i][np.ix_(reactions, reactions)].copy()
-        change = residual[i, reactions].copy()
-        unread = [k for k, c in enumerate(reactions) if not np.isfinite(observations.wrench[i, c])]
-        for k in unread:
-            change[k] = 0.0
-            covariance[k, :] = covariance[:, k] = 0.0
-            covariance[k, k] = 50.0**2
-        torque = lever @ change
-        sd = np.sqrt(np.maximum(np.diag(lever @ np.nan_to_num(covariance) @ lever.T), 0.0))
-        squares.append((torque, sd))
-        cases.append(
-            {
-                "id": observations.ids[i],
-                "posture": observations.postures[i],
-                "muscles": muscles_of(observations.masses_g[i]),
-                "torque_Nmm": {n: float(t) for n, t in zip(topology.rotations, torque, strict=True)},
-                "sd_Nmm": {n: float(s) for n, s in zip(topology.rotations, sd, strict=True)},
-            }
-        )
-    torques, sds = np.array([t for t, _ in squares]), np.array([s for _, s in squares])
-    summary = {
-        name: {"rms": float(np.sqrt(np.mean(torques[:, k] ** 2))), "sd": float(np.sqrt(np.mean(sds[:, k] ** 2)))}
-        for k, name in enumerate(topology.rotations)
-    }
-    return summary, cases
+    jacobian = np.asarray(tip_kinematics_batch(topology, model.values, observations.inputs.posture).jacobian)
+    of_tips = np.ix_(tips, topology.reactions)
+    lever, read = jacobian[of_tips].swapaxes(1, 2), np.isfinite(observations.wrench[of_tips])
+    covariance = np.nan_to_num(observations.case_covariance[np.ix_(tips, topology.reactions, topology.reactions)])
+    covariance *= read[:, :, None] & read[:, None, :]
+    covariance += (_UNREAD_NMM**2 * ~read)[:, :, None] * np.eye(len(topology.reactions))
+    torque = (lever @ np.where(read, residual[of_tips], 0.0)[:, :, None])[..., 0]
+    variance = np.maximum(np.diagonal(lever @ covariance @ lever.swapaxes(1, 2), axis1=1, axis2=2), 0.0)
+    cases = [
+        {
+            "id": observations.ids[i],
+            "posture": observations.postures[i],
+            "muscles": muscles_of(observations.masses_g[i]),
+            "torque_Nmm": dict(zip(topology.rotations, of_case, strict=True)),
+            "sd_Nmm": dict(zip(topology.rotations, sd, strict=True)),
+        }
+        for i, of_case, sd in zip(tips, torque.tolist(), np.sqrt(variance).tolist(), strict=True)
+    ]
+    rms, sds = (np.sqrt(squares.mean(axis=0)).tolist() for squares in (torque**2, variance))
+    each = zip(topology.rotations, rms, sds, strict=True)
+    return {name: {"rms": own, "sd": sd} for name, own, sd in each}, cases
