@@ -130,14 +130,15 @@ class Entries:
             tension, posture = np.asarray(o.inputs.tension), np.asarray(o.inputs.posture)
             is_angle = change.kind == "posture"
             other = _with(o, posture=posture + factor - 1.0) if is_angle else _with(o, tension=factor * tension)
-            found = self._one(change.kind, change.words, other)
-            return replace(found, change=change if change.spread else None, amend=change.amend)
+            found = self._one(change.kind, change.words, other, change.amend)
+            return replace(found, change=change if change.spread else None)
         here = factor[self.session.rows // 6, 0]
         found = self._one(change.kind, change.words, _times(o, 1.0 / factor))
         return replace(found, away=here * found.away, log_units=-np.log(here), change=change)
 
-    def _one(self, kind: Kind, words: str, observations: Observations) -> Corrected:
-        return Corrected(kind, words, observations, self._residual(observations), np.zeros(len(self.session.rows)))
+    def _one(self, kind: Kind, words: str, observations: Observations, amend: tuple[Amend, ...] = ()) -> Corrected:
+        away = self._residual(observations)
+        return Corrected(kind, words, observations, away, np.zeros(len(away)), amend=amend)
 
     def _residual(self, observations: Observations) -> Floats:
         predicted = np.asarray(self.session.model.predict(observations.inputs, self.theta).reading)
@@ -219,7 +220,7 @@ class Entries:
         place = "low" if step > 0 else "high"
         words = f"from {o.ids[run[0]]} to {o.ids[run[-1]]} each load was entered one row too {place}"
         amend = tuple(Amend(case, masses_g=masses) for case, masses in changed)
-        return replace(self._one("rows", words, _with(o, tension=tension)), amend=amend)
+        return self._one("rows", words, _with(o, tension=tension), amend)
 
     @property
     def runs(self) -> int:

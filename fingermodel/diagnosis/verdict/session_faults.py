@@ -61,22 +61,14 @@ class PutRight:
     """How well the readings are explained with one fault put right.
 
     Attributes:
-        kind: of fault.
-        fault: which of its kind, whatever its amount.
-        words: what was done instead of what was entered.
+        offer: the fault, its amount as the fit tells it.
         log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
-        amend: as of a `SessionFault`.
-        log_units: log of how many times less a unit of the readings is than stated, summed over the validation cases'.
         fit: the better of the two.
         entered: fits the session as it was entered.
     """
 
-    kind: Kind
-    fault: str
-    words: str
+    offer: Corrected
     log_posterior: float
-    amend: tuple[Amend, ...]
-    log_units: float
     fit: Optimum
     entered: Fitter
 
@@ -88,7 +80,8 @@ class PutRight:
     @property
     def of_all(self) -> float:
         """Log posterior by all cases: those that were fitted, and the validation cases as they are then predicted."""
-        return self.log_posterior + self.predicted.log_evidence + self.log_units
+        unseen = ~self.entered.session.fitted
+        return self.log_posterior + self.predicted.log_evidence + float(self.offer.log_units[unseen].sum())
 
     @cached_property
     def without(self) -> float:
@@ -134,7 +127,7 @@ def put_right(candidates: Candidates, nothing: Optimum, before: Sequence[PutRigh
         best |= dict.fromkeys(possible.labels(as_measured, node, more))
         changes |= possible.changed(host, node, more)
     best |= dict.fromkeys(changes.values())
-    known = {put.fault for put in before or ()}
+    known = {put.offer.fault for put in before or ()}
     offers = [o for o in [*by_balance, *best] if o.fault not in known]
     bases = {o: _base(candidates, nothing, o, frozenset()) for o in offers}
     alone = {o: _fitted(nothing, o, possible.prior(o.kind), base, 0) for o, base in bases.items()}
@@ -230,15 +223,16 @@ def session_faults(
     Returns:
         What is more probable than not and explains the readings, most probable first.
     """
-    found = list({f.fault: f for f in sorted(found, key=lambda f: f.log_posterior)}.values())
+    found = list({f.offer.fault: f for f in sorted(found, key=lambda f: f.log_posterior)}.values())
     found = [f for f in found if f.log_posterior >= posterior.leader.log_posterior]
     # As a slip in one case it is weighed by the whole likelihood, not by a power of it; and by the validation cases,
     # too: what makes up for something else in the fitted ones predicts no better for it.
     as_it_is = [posterior.fits[e].log_posterior + c.log_evidence for e, c in checked.items()]
     with_trend = [max(as_it_is) + trend.log_evidence + _log_share(1)] if trend else []
-    rest, values, by_words = [*as_it_is, *with_trend], [f.of_all for f in found], {f.words: f for f in found}
-    could = [by_words[fault.words] for fault in _probable(found, values, rest)]
-    said = _probable(found, values, [*rest, *(f.without for f in could)])
+    rest, by_words = [*as_it_is, *with_trend], {f.offer.words: f for f in found}
+    offers, values = [f.offer for f in found], [f.of_all for f in found]
+    could = [by_words[fault.words] for fault in _probable(offers, values, rest)]
+    said = _probable(offers, values, [*rest, *(f.without for f in could)])
     # A fault that leaves more than noise may make up for a part of something else.
     return [fault for fault in said if explains_with_rig_as_stated(by_words[fault.words].fit)]
 
@@ -290,9 +284,7 @@ def outdoes(found: Sequence[PutRight], log_posterior: float) -> bool:
     )
 
 
-def _probable(
-    found: Sequence[PutRight | Corrected], log_posterior: Sequence[float], rest: Sequence[float]
-) -> list[SessionFault]:
+def _probable(found: Sequence[Corrected], log_posterior: Sequence[float], rest: Sequence[float]) -> list[SessionFault]:
     """Faults that are more probable than not, most probable first; `rest` are log posteriors without any fault."""
     total = float(logsumexp([*rest, *log_posterior]))
     each = zip(found, log_posterior, strict=True)
@@ -343,7 +335,7 @@ def _fitted(
     session, (fitter, best) = nothing.session, base
     candidates = fitter.candidates
     alone = log_posterior = best.log_posterior
-    fitted, unseen = (float(offer.log_units[rows].sum()) for rows in (session.fitted, ~session.fitted))
+    fitted = float(offer.log_units[session.fitted].sum())
     if rounds and alone + fitted >= nothing.log_posterior:
         # An effect may act as well: the one that the base promises most.
         node = best.hyper.without_smooth(best.best)
@@ -352,14 +344,14 @@ def _fitted(
         beside = fitter.fit(single, best.expected(single, node), node, best.bad, leader=nothing.log_posterior)
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
-    words, log_gain = offer.words, 0.0
+    log_gain = 0.0
     if offer.change:
         ((change, log_gain),) = told(best, best.best, [offer.change])
         moved = (change.amount - offer.change.amount) / offer.change.unit
         if rounds > 1 and change.counts and abs(moved) > _MOVED:
             again = Entries(session, session.problem.centre).put_right(change)
             return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
-        words = change.words
+        offer = replace(offer, words=change.words)
     value = log_share + fitted + log_posterior + log_gain
     entered = Fitter(session, candidates, nothing.hyper)
-    return PutRight(offer.kind, offer.fault, words, value, offer.amend, unseen, best, entered)
+    return PutRight(offer, value, best, entered)
