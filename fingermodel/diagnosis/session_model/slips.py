@@ -6,6 +6,7 @@ the recording that holds something else. Each predicts a reading; a bad case of 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
@@ -87,18 +88,10 @@ class PossibleSlips:
     def of(self, case: int) -> list[Slip]:
         """Every slip of a case, their shares set; none of a check."""
         if case not in self._known:
-            self._known[case] = self._shared(case)
+            slips = [] if self._observations.roles[case] == "check" else list(self._all(case))
+            alike = Counter(slip.kind for slip in slips)
+            self._known[case] = [replace(s, share=SLIP_SHARES[s.kind] / alike[s.kind]) for s in slips]
         return self._known[case]
-
-    def _shared(self, case: int) -> list[Slip]:
-        if self._observations.roles[case] == "check":
-            return []
-        by_kind: dict[Kind, list[Slip]] = {}
-        for slip in self._all(case):
-            by_kind.setdefault(slip.kind, []).append(slip)
-        return [
-            replace(slip, share=SLIP_SHARES[kind] / len(slips)) for kind, slips in by_kind.items() for slip in slips
-        ]
 
     def changes(self, slips: Sequence[tuple[int, Slip]], theta: Floats) -> Floats:
         """(k, 6) reading under each slip less that under the entry [N, N mm], given as (case, slip)."""
@@ -128,7 +121,7 @@ class PossibleSlips:
             for other in self.muscles:
                 if other not in loaded:
                     yield hung("tendon", f"{other} was loaded, not {muscle}", {**rest, other: grams})
-            for value, why in self._masses(grams):
+            for value, why in self._masses(grams).items():
                 yield hung("mass", f"{muscle} bore {value:g} g, not {grams:g} g{why}", {**rest, muscle: value})
             if rest:
                 yield hung("unloaded", f"{muscle} was not loaded", rest)
@@ -150,19 +143,14 @@ class PossibleSlips:
         yield hung("window", "tare and load were exchanged", loaded, sign=-1.0)
         yield from self._exchanges(case)
 
-    def _masses(self, grams: float) -> Iterator[tuple[float, str]]:
-        """Masses that may have hung where this one was entered."""
-        seen = {grams}
-        for value in self._weights:
-            if value > 0.0 and value not in seen:
-                seen.add(value)
-                yield value, ""
-        turned = _turned(grams)
-        units = [(grams * factor, f" ({why})") for factor, why in _UNITS.items()]
-        for value, why in [*units, *((v, " (digits exchanged)") for v in turned)]:
-            if value not in seen:
-                seen.add(value)
-                yield value, why
+    def _masses(self, grams: float) -> dict[float, str]:
+        """Masses that may have hung where this one was entered, and why if they are none of those in use."""
+        out = dict.fromkeys((weight for weight in self._weights if weight > 0.0), "")
+        for factor, why in _UNITS.items():
+            out.setdefault(grams * factor, f" ({why})")
+        for value in _turned(grams):
+            out.setdefault(value, " (digits exchanged)")
+        return {value: why for value, why in out.items() if value != grams}
 
     def _exchanges(self, case: int) -> Iterator[Slip]:
         o = self._observations
