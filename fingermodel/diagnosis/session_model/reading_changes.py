@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -22,7 +22,6 @@ from fingermodel.diagnosis.session_model.group_errors import by_group, in_each, 
 from fingermodel.diagnosis.session_model.slips import PossibleSlips
 from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.model import Model, tip_kinematics_batch
-from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
 
 Floats = NDArray[np.float64]
@@ -136,39 +135,30 @@ class ReadingChanges:
 
     def by_tension(self, theta: Floats) -> Floats:
         """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
-        inputs = self.observations.inputs
-        tension = np.asarray(inputs.tension)
-        step = {k: _STEP * tension[:, k] for k in np.flatnonzero(tension.any(axis=0)).tolist()}
-        return self._derivatives(theta, tension, step, lambda moved: inputs._replace(tension=moved))
+        return self._derivatives(theta, "tension", np.asarray(self.observations.inputs.tension))
 
     def by_angle(self, theta: Floats) -> Floats:
         """(cases, 6, rotations) change of every reading per radian of each joint angle, about some parameters."""
-        inputs = self.observations.inputs
-        posture = np.asarray(inputs.posture)
-        step = {k: np.full(len(posture), _STEP) for k in range(posture.shape[1])}
-        return self._derivatives(theta, posture, step, lambda moved: inputs._replace(posture=moved))
+        return self._derivatives(theta, "posture", np.ones(np.shape(self.observations.inputs.posture)))
 
     def readings(self, theta: Floats) -> Floats:
         """(cases, 6) what the model predicts [N, N mm]."""
         return np.asarray(self.model.predict(self._pieces, theta).reading)
 
-    def _derivatives(
-        self, theta: Floats, values: Floats, steps: dict[int, Floats], moved: Callable[[jax.Array], LoadCaseInput]
-    ) -> Floats:
-        """(cases, 6, k) change of every reading by columns of an input (cases, k), per `_STEP`; 0 by those that stay.
+    def _derivatives(self, theta: Floats, name: str, unit: Floats) -> Floats:
+        """(cases, 6, k) change of every reading per unit of each column of an input, to first order.
 
         Args:
             theta: (parameters,).
-            values: the input's.
-            steps: (cases,) by which a column is moved.
-            moved: the load cases with other values of that input.
+            name: of the input.
+            unit: (cases, k) of each column; nothing changes by one that has none.
         """
-        now = self.readings(theta)
-        out = np.zeros((*now.shape, values.shape[1]))
-        for k, step in steps.items():
-            other = values.copy()
-            other[:, k] += step
-            there = self.model.predict(moved(jax.device_put(other)), theta).reading
+        inputs, now = self.observations.inputs, self.readings(theta)
+        out = np.zeros((*now.shape, unit.shape[1]))
+        for k in np.flatnonzero(unit.any(axis=0)):
+            moved = np.array(getattr(inputs, name))
+            moved[:, k] += _STEP * unit[:, k]
+            there = self.model.predict(inputs._replace(**{name: jax.device_put(moved)}), theta).reading
             out[:, :, k] = (np.asarray(there) - now) / _STEP
         return out
 

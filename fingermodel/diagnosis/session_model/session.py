@@ -123,13 +123,14 @@ class Session:
     def whitened_smooth(self, errors: CaseErrors, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted readings' noise, and smooth columns under it; kept, since every explanation asks for them."""
         # Columns are many times as large as their inner products, and made again in no time.
-        self._columns.clear()
+        for kept in self._kept.values():
+            kept.columns.clear()
         key = (errors, bad)
         if key not in self._kept:
             tares = self.changes.tares[self.fitted]
             whitening = NoiseWhitening.of(*self.fitted_noise.whitening(*key), tares)
             changes, fitted = self.changes, self.fitted
-            self._kept[key] = WhitenedSmooth(whitening, lambda block: changes.smooth(block)[fitted], self._columns)
+            self._kept[key] = WhitenedSmooth(whitening, lambda block: changes.smooth(block)[fitted])
         return self._kept[key]
 
     def drawn_noise(self, errors: CaseErrors, rng: np.random.Generator) -> Floats:
@@ -145,14 +146,9 @@ class Session:
         """Let go of what is smooth, whitened or not; what is asked of it again is made again."""
         self.changes.forget()
         self._kept.clear()
-        self._columns.clear()
 
     @cached_property
     def _kept(self) -> dict[tuple[CaseErrors, frozenset[int]], WhitenedSmooth]:
-        return {}
-
-    @cached_property
-    def _columns(self) -> dict[tuple[int, str], Floats]:
         return {}
 
     @cached_property
@@ -242,13 +238,11 @@ def _rows_of(observations: Observations, plane: Plane) -> tuple[Rows, Mask]:
     measures. In the sagittal plane x, y and Mz.
     """
     forces, moments = ([0, 1], [5]) if plane == "sagittal" else ([0, 1, 2], [3, 4, 5])
-    known = observations.noise.variance.reshape(-1, 6) > 0.0
-    rows, fitted = [], []
-    for i, role in enumerate(observations.roles):
-        components = [*forces, *(moments if observations.locations[i] == "tip" and role != "check" else [])]
-        read = [c for c in components if np.isfinite(observations.wrench[i, c])]
-        if role == "validation":
-            read = [c for c in read if known[i, c]]
-        rows += [6 * i + c for c in read]
-        fitted += [role != "validation"] * len(read)
-    return np.array(rows, dtype=np.intp), np.array(fitted, dtype=bool)
+    roles, at_tip = np.array(observations.roles), np.array(observations.locations) == "tip"
+    unseen, counts = roles == "validation", np.zeros(observations.wrench.shape, dtype=bool)
+    counts[:, forces] = True
+    counts[np.ix_(at_tip & (roles != "check"), moments)] = True
+    counts &= np.isfinite(observations.wrench)
+    counts[unseen] &= observations.noise.variance.reshape(-1, 6)[unseen] > 0.0
+    rows = np.flatnonzero(counts)
+    return rows, ~unseen[rows // 6]

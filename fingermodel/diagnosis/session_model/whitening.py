@@ -90,21 +90,19 @@ class WhitenedSmooth:
     Attributes:
         noise: by case, and of the tares.
         part: (n, k) columns of a block, not whitened.
-        columns: (n, k) whitened ones, by the noise's id and their block: of all noises, so that they can be let go
-            together.
+        columns: (n, k) whitened ones, by their block.
     """
 
     noise: NoiseWhitening
     part: Callable[[str], Floats]
-    columns: dict[tuple[int, str], Floats] = field(default_factory=dict, repr=False)
+    columns: dict[str, Floats] = field(default_factory=dict, repr=False)
     _inner: dict[tuple[str, str], Floats] = field(default_factory=dict, repr=False)
 
     def of(self, block: str) -> Floats:
         """(n, k) whitened columns of a block."""
-        key = (id(self.noise), block)
-        if key not in self.columns:
-            self.columns[key] = self.noise @ self.part(block)
-        return self.columns[key]
+        if block not in self.columns:
+            self.columns[block] = self.noise @ self.part(block)
+        return self.columns[block]
 
     def inner(self, a: str, b: str) -> Floats:
         """(k, k) inner products of two blocks."""
