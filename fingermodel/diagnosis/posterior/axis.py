@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import erf
 
 from fingermodel.diagnosis.settings import Amount
 
@@ -25,7 +25,8 @@ class Axis:
     @classmethod
     def of(cls, size: Amount) -> Axis:
         """Of a size that may be none."""
-        return cls.with_atom(size.values, _cells(size.values, size.scale, _half_normal), size.some)
+        spread = np.sqrt(2.0) * size.scale
+        return cls.with_atom(size.values, _cells(size.values, lambda x: erf(x / spread)), size.some)
 
     @classmethod
     def none(cls) -> Axis:
@@ -47,7 +48,7 @@ class Axis:
     @classmethod
     def half_cauchy(cls, values: Floats, scale: float) -> Axis:
         """Half-Cauchy, on values that begin at 0."""
-        return cls(values, np.log(_cells(values, scale, _half_cauchy)))
+        return cls(values, np.log(_cells(values, lambda x: np.arctan(x / scale))))
 
     @cached_property
     def mode(self) -> int:
@@ -74,10 +75,10 @@ class Axis:
         return self.log_weight.tolist()
 
 
-def _cells(values: Floats, scale: float, cdf: Callable[[Floats], Floats]) -> Floats:
-    """Probability of the cells about values that begin at 0, of a distribution with a scale."""
+def _cells(values: Floats, cdf: Callable[[Floats], Floats]) -> Floats:
+    """Probability of the cells about values that begin at 0, by a distribution function up to a factor."""
     edges = np.concatenate([[0.0], _between(values), [np.inf]])
-    probability = np.diff(cdf(edges / scale))
+    probability = np.diff(cdf(edges))
     out: Floats = np.maximum(probability / probability.sum(), 1e-12)
     return out
 
@@ -86,14 +87,4 @@ def _between(values: Floats) -> Floats:
     """Edges of the cells about values that grow in proportion, the first of which may be 0."""
     out: Floats = np.sqrt(values[:-1] * values[1:])
     out[0] = out[0] or 0.5 * values[1]
-    return out
-
-
-def _half_normal(z: Floats) -> Floats:
-    out: Floats = 2.0 * ndtr(z) - 1.0
-    return out
-
-
-def _half_cauchy(z: Floats) -> Floats:
-    out: Floats = 2.0 / np.pi * np.arctan(z)
     return out

@@ -127,10 +127,6 @@ class _Specimen:
             members.append(Member(own, m.form))
         return self.diagnosis.candidates.joined(members)
 
-    def log_prior(self, explanation: Explanation) -> float:
-        """Of what acts here alone."""
-        return self.diagnosis.candidates.log_prior(explanation)
-
     def promise(self, shared: Explanation) -> float:
         """Log weight that the leading explanation promises if something shared acts beside it."""
         here, leader = self.here(shared), self.posterior.leader
@@ -143,7 +139,7 @@ class _Specimen:
 
     def _weight(self, log_evidence: float, own: Explanation) -> float:
         """Log weight of what acts here alone; the prior of what is shared is counted once for all sessions."""
-        prior = self.log_prior(own)
+        prior = self.diagnosis.candidates.log_prior(own)
         return weighed(prior + log_evidence, prior)
 
     def _beside(self, here: Explanation, other: Explanation) -> tuple[Explanation, Explanation] | None:

@@ -127,21 +127,18 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
 
 def _statement(verdict: Verdict, posterior: Posterior) -> Callable[[Posterior], float]:
     """The probability of what a verdict says, in any posterior."""
-    names = verdict.names
-    if not names:
-        # Undecided: the likeliest single statement.
-        name, p_name = next(iter(posterior.inclusion.items()), ("", 0.0))
-        ranked = [(posterior.p_nothing, "nothing"), (posterior.p_beyond, "beyond"), (p_name, "name")]
-        kinds = {"nothing_missing": "nothing", "none_of_catalogue": "beyond"}
-        which = kinds.get(verdict.kind, max(ranked)[1])
-        if which == "nothing":
-            return lambda p: p.p_nothing
-        if which == "beyond":
-            return lambda p: p.p_beyond
-        names = (name,)
     if verdict.kind == "one_of":
-        return lambda p: p.of_any(names)
-    return lambda p: p.of_names(names)
+        return lambda p: p.of_any(verdict.names)
+    if verdict.names:
+        return lambda p: p.of_names(verdict.names)
+    likeliest = next(iter(posterior.inclusion), "")
+    singles: dict[str, Callable[[Posterior], float]] = {
+        "nothing_missing": lambda p: p.p_nothing,
+        "none_of_catalogue": lambda p: p.p_beyond,
+        "named": lambda p: p.of_names([likeliest]),
+    }
+    # Undecided: the likeliest of them.
+    return singles.get(verdict.kind) or max(singles.values(), key=lambda said: said(posterior))
 
 
 def _kind(posterior: Posterior, verdict: Verdict, probability: float) -> Kind:
