@@ -165,10 +165,9 @@ class _Specimen:
         gain = total - (self.posterior.log_norm + float(np.log(max(without, 1e-300))))
         theta, covariance, index = fit.parameter_posterior(fit.best)
         at = [int(np.flatnonzero(index == i)[0]) for i in here.parameters]
+        by_name = Posterior.of({fit.explanation: fit}).of_names(here.names)
         sd = np.sqrt(np.diag(covariance))[at] * fit.session.problem.scale[list(here.parameters)]
-        return total, InSession(
-            gain, theta[list(here.parameters)], sd, own.names, _by_name(fit, here), _size(fit, here)
-        )
+        return total, InSession(gain, theta[list(here.parameters)], sd, own.names, by_name, _size(fit, here))
 
     def known(self, shared: Explanation | None) -> Optimum:
         """What is known to act here: what was found in this session by itself, and what all sessions share."""
@@ -189,12 +188,6 @@ class _Specimen:
             # By their peaks: to sum over hyperparameters takes longer than the fit.
             known = self._fits[explanation] = max(found, key=lambda f: f.log_joint(f.mode))
         return known
-
-
-def _by_name(fit: Optimum, here: Explanation) -> float:
-    """Probability that some members act by their known law, if this explanation holds."""
-    alone = Posterior.of({fit.explanation: fit}, {})
-    return alone.of_names(here.names)
 
 
 def _size(fit: Optimum, here: Explanation) -> Quadratic:

@@ -35,50 +35,6 @@ Ints = NDArray[np.intp]
 T = TypeVar("T")
 
 
-class Sharing:
-    """What sessions say of one curve at their nodes, each asked once.
-
-    Args:
-        fits: of each session.
-        columns: (fitted readings, weights) of each session.
-    """
-
-    def __init__(self, fits: Sequence[Optimum], columns: Sequence[Floats]) -> None:
-        self._fits, self._columns = fits, columns
-        self._known: list[dict[Node, Said]] = [{} for _ in fits]
-
-    def said(self, k: int, node: Node) -> Said:
-        """What a session says at a node."""
-        known = self._known[k]
-        if node not in known:
-            fit = self._fits[k]
-            information, score = fit.information(self._columns[k], node)
-            known[node] = Said(fit.log_joint(node), information, score)
-        return known[node]
-
-    def all_said(self, nodes: Sequence[Node]) -> list[Said]:
-        """What all sessions say, each at its node."""
-        return [self.said(k, node) for k, node in enumerate(nodes)]
-
-    def value(self, nodes: Sequence[Node], size: float) -> float:
-        """Log of prior times likelihood of all sessions together."""
-        return _together(self.all_said(nodes), size)
-
-    def climbed(self, nodes: Sequence[Node], size: float) -> list[Node]:
-        """The sessions' nodes from which no step along an axis of one of them leads higher."""
-        value = partial(self.value, size=size)
-        return _ascended(nodes, value, lambda k, node: self._fits[k].hyper.neighbours(node))[0]
-
-    def log_evidence(self, nodes: Sequence[Node], size: float) -> float:
-        """With each session's hyperparameters summed about its node, the others where they are."""
-        value, more = self.value(nodes, size), 0.0
-        for k, fit in enumerate(self._fits):
-            around = [node for node in fit.hyper.neighbours(nodes[k]) if node in self._known[k]]
-            each = [self.value([*nodes[:k], node, *nodes[k + 1 :]], size) for node in around]
-            more += float(logsumexp([value, *each])) - value
-        return value + more
-
-
 @dataclass(frozen=True, eq=False)
 class SharedCurve(SmoothCurve):
     """A curve that sessions share; its log evidence is over each session's having its own.
@@ -96,22 +52,54 @@ class SharedCurve(SmoothCurve):
 
 @dataclass(eq=False)
 class StageSearch:
-    """The curve of one stage: sizes tried, and what each leads to."""
+    """The curve of one stage: what sessions say of it at their nodes, each asked once.
+
+    Attributes:
+        fits: of each session.
+        curves: of the sessions.
+        stage: of the curve.
+        paths: nodes of the sessions to which each size that was tried leads.
+    """
 
     fits: Sequence[Optimum]
     curves: Curves
     stage: Stage
     paths: dict[float, tuple[Node, ...]] = field(default_factory=dict)
+    _known: dict[tuple[int, Node], Said] = field(default_factory=dict, repr=False)
 
     @cached_property
     def columns(self) -> list[Curve]:
         """Of each session."""
         return [self.curves.of(fit, self.stage) for fit in self.fits]
 
-    @cached_property
-    def sharing(self) -> Sharing:
-        """What the sessions say."""
-        return Sharing(self.fits, [c.columns for c in self.columns])
+    def said(self, k: int, node: Node) -> Said:
+        """What a session says at a node."""
+        if (k, node) not in self._known:
+            fit = self.fits[k]
+            self._known[k, node] = Said(fit.log_joint(node), *fit.information(self.columns[k].columns, node))
+        return self._known[k, node]
+
+    def all_said(self, nodes: Sequence[Node]) -> list[Said]:
+        """What all sessions say, each at its node."""
+        return [self.said(k, node) for k, node in enumerate(nodes)]
+
+    def value(self, nodes: Sequence[Node], size: float) -> float:
+        """Log of prior times likelihood of all sessions together."""
+        return _together(self.all_said(nodes), size)
+
+    def climbed(self, nodes: Sequence[Node], size: float) -> list[Node]:
+        """The sessions' nodes from which no step along an axis of one of them leads higher."""
+        value = partial(self.value, size=size)
+        return _ascended(nodes, value, lambda k, node: self.fits[k].hyper.neighbours(node))[0]
+
+    def log_evidence(self, nodes: Sequence[Node], size: float) -> float:
+        """With each session's hyperparameters summed about its node, the others where they are."""
+        value, more = self.value(nodes, size), 0.0
+        for k, fit in enumerate(self.fits):
+            around = [node for node in fit.hyper.neighbours(nodes[k]) if (k, node) in self._known]
+            each = [self.value([*nodes[:k], node, *nodes[k + 1 :]], size) for node in around]
+            more += float(logsumexp([value, *each])) - value
+        return value + more
 
     def run(self) -> SharedCurve:
         """Climb at every size, and describe the best."""
@@ -119,15 +107,15 @@ class StageSearch:
         sizes = SHARED_SIZES[self.stage]
         values = {}
         for size in (0.0, *sizes):
-            nodes = self.sharing.climbed(nodes, size)
+            nodes = self.climbed(nodes, size)
             self.paths[size] = tuple(nodes)
-            values[size] = self.sharing.log_evidence(nodes, size)
+            values[size] = self.log_evidence(nodes, size)
         together = float(logsumexp([values[s] for s in sizes]) - np.log(len(sizes)))
         best = max(sizes, key=lambda s: values[s])
         return self._described(best, together - values[0.0])
 
     def _described(self, size: float, over_own: float) -> SharedCurve:
-        said = self.sharing.all_said(self.paths[size])
+        said = self.all_said(self.paths[size])
         whole = gain(said, size)
         left_out = np.array([whole - gain([*said[:k], *said[k + 1 :]], size) for k in range(len(said))])
         own = np.array([values_of(self.curves, [one], size)[0] for one in said])
@@ -153,10 +141,13 @@ class StageSearch:
             said.append(Said(0.0, both[:-1, :-1], both[:-1, -1]))
         return values_of(self.curves, said, found.size)[0]
 
-    def best_value(self, turned: Sequence[tuple[Ints, Floats]]) -> float:
-        """What sharing gains at most over not sharing, after each session's weights have been turned."""
+    def best_value(self, shuffled: Sequence[tuple[Ints, Floats]]) -> float:
+        """What sharing gains at most over not sharing, with tendons of each session in another order and sign."""
+        tendons, weights = self.tendons, self.columns[0].columns.shape[1]
+        of_tendons = np.arange(weights).reshape(tendons, -1)
+        turned = [(of_tendons[order].reshape(-1), np.repeat(sign, weights // tendons)) for order, sign in shuffled]
         reached = [dict.fromkeys(path[k] for path in self.paths.values()) for k in range(len(self.fits))]
-        said = [{n: self.sharing.said(k, n).turned(*turned[k]) for n in nodes} for k, nodes in enumerate(reached)]
+        said = [{n: self.said(k, n).turned(*turned[k]) for n in nodes} for k, nodes in enumerate(reached)]
         nothing, out = sum(max(s.log_joint for s in mine.values()) for mine in said), 0.0
         for size, path in self.paths.items():
             start = [mine[node] for mine, node in zip(said, path, strict=True)]
@@ -166,10 +157,9 @@ class StageSearch:
         return out
 
     @property
-    def groups(self) -> tuple[int, int, int]:
-        """Tendons, groups of each, and features of each group; weights are counted in this order."""
-        muscles = len(dict.fromkeys(m for m, _ in self.columns[0].parts))
-        return muscles, len(self.columns[0].parts) // muscles, self.curves.root.shape[1]
+    def tendons(self) -> int:
+        """How many tendons the weights are of, those of one after those of another."""
+        return len({muscle for muscle, _ in self.columns[0].parts})
 
 
 def _together(said: Sequence[Said], size: float) -> float:
@@ -215,20 +205,11 @@ def permuted(
     """
     rng = np.random.default_rng(SEED)
 
-    def best(order_of: Sequence[tuple[Ints, Floats]]) -> float:
-        found = []
-        for search in searches:
-            muscles, groups, features = search.groups
-            turned = []
-            for order, sign in order_of:
-                index = np.arange(muscles * groups * features).reshape(muscles, groups * features)[order].reshape(-1)
-                turned.append((index, np.repeat(sign, groups * features)))
-            found.append(search.best_value(turned))
-        return max(found)
+    def best(shuffled: Sequence[tuple[Ints, Floats]]) -> float:
+        return max(search.best_value(shuffled) for search in searches)
 
-    muscles = searches[0].groups[0]
+    muscles, sessions = searches[0].tendons, len(searches[0].fits)
     plain = (np.arange(muscles), np.ones(muscles))
-    sessions = len(searches[0].fits)
     observed = best([plain] * sessions)
     out = np.empty(count)
     for k in range(count):
