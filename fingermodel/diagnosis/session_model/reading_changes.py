@@ -22,6 +22,7 @@ from fingermodel.diagnosis.session_model.group_errors import by_group, in_each, 
 from fingermodel.diagnosis.session_model.slips import PossibleSlips
 from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.model import Model, tip_kinematics_batch
+from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
 
 Floats = NDArray[np.float64]
@@ -38,17 +39,86 @@ _STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class ReadingChanges:
-    """How each reading changes, whichever of them are fitted.
+class CaseChanges:
+    """How each reading of some load cases changes, measured or not.
 
     Attributes:
         model: with every candidate at its null.
+        inputs: the load cases.
+    """
+
+    model: Model
+    inputs: LoadCaseInput
+
+    @cached_property
+    def torque_answer(self) -> Floats:
+        """(cases, rotations, 6) change of every reading per N mm of torque about a rotation."""
+        topology, jacobian = self.model.finger.topology, self._tips[0]
+        rows = list(topology.reactions)
+        wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
+        wrench[:, :, rows] = np.swapaxes(np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2)), 1, 2)
+        return self._as_read(wrench)
+
+    def by_tension(self, theta: Floats) -> Floats:
+        """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
+        return self._derivatives(theta, "tension", np.asarray(self.inputs.tension))
+
+    def by_angle(self, theta: Floats) -> Floats:
+        """(cases, 6, rotations) change of every reading per radian of each joint angle, about some parameters."""
+        return self._derivatives(theta, "posture", np.ones(np.shape(self.inputs.posture)))
+
+    def readings(self, theta: Floats) -> Floats:
+        """(cases, 6) what the model predicts [N, N mm]."""
+        return np.asarray(self.model.predict(self._pieces, theta).reading)
+
+    def _derivatives(self, theta: Floats, name: str, unit: Floats) -> Floats:
+        """(cases, 6, k) change of every reading per unit of each column of an input, to first order.
+
+        Args:
+            theta: (parameters,).
+            name: of the input.
+            unit: (cases, k) of each column; nothing changes by one that has none.
+        """
+        now = self.readings(theta)
+        out = np.zeros((*now.shape, unit.shape[1]))
+        for k in np.flatnonzero(unit.any(axis=0)):
+            moved = np.array(getattr(self.inputs, name))
+            moved[:, k] += _STEP * unit[:, k]
+            there = self.model.predict(self.inputs._replace(**{name: jax.device_put(moved)}), theta).reading
+            out[:, :, k] = (np.asarray(there) - now) / _STEP
+        return out
+
+    @cached_property
+    def _pieces(self) -> Pieces:
+        """The load cases, made ready once for all predictions."""
+        return self.model.pieces(self.inputs)
+
+    @cached_property
+    def _tips(self) -> tuple[Floats, Floats]:
+        """Jacobian (cases, 6, rotations) of the load point, and (cases, 3, 3) from its axes to the metacarpal's."""
+        model = self.model
+        tip = tip_kinematics_batch(model.finger.topology, model.values, self.inputs.posture)
+        return np.asarray(tip.jacobian), np.asarray(tip.to_base)
+
+    def _as_read(self, wrench: Floats) -> Floats:
+        """Changes of the tip's wrench (cases, k, 6) as the cell reads them at either mount; a check reads none."""
+        bone = np.zeros_like(wrench)
+        bone[:, :, :3] = -np.einsum("nij,nkj->nki", self._tips[1], wrench[:, :, :3])
+        at_bone, check = np.asarray(self.inputs.at_bone), np.asarray(self.inputs.is_check)
+        out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingChanges(CaseChanges):
+    """How each reading of a session changes, whichever of them are fitted.
+
+    Attributes:
         observations: of the session.
         centre: (parameters,) of the priors.
         rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
     """
 
-    model: Model
     observations: Observations
     centre: Floats
     rows: Rows
@@ -115,15 +185,6 @@ class ReadingChanges:
         self.__dict__.pop("slips", None)
 
     @cached_property
-    def torque_answer(self) -> Floats:
-        """(cases, rotations, 6) change of every reading per N mm of torque about a rotation."""
-        topology, jacobian = self.model.finger.topology, self._tips[0]
-        rows = list(topology.reactions)
-        wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
-        wrench[:, :, rows] = np.swapaxes(np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2)), 1, 2)
-        return self._as_read(wrench)
-
-    @cached_property
     def by_stated_tension(self) -> Floats:
         """(n, muscles) change of every reading by the logarithm of each tension, about the priors' centre."""
         return self.of_rows(self.by_tension(self.centre))
@@ -133,64 +194,14 @@ class ReadingChanges:
         """(n, rotations) change of every reading per radian of each joint angle, about the priors' centre."""
         return self.of_rows(self.by_angle(self.centre))
 
-    def by_tension(self, theta: Floats) -> Floats:
-        """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
-        return self._derivatives(theta, "tension", np.asarray(self.observations.inputs.tension))
-
-    def by_angle(self, theta: Floats) -> Floats:
-        """(cases, 6, rotations) change of every reading per radian of each joint angle, about some parameters."""
-        return self._derivatives(theta, "posture", np.ones(np.shape(self.observations.inputs.posture)))
-
-    def readings(self, theta: Floats) -> Floats:
-        """(cases, 6) what the model predicts [N, N mm]."""
-        return np.asarray(self.model.predict(self._pieces, theta).reading)
-
-    def _derivatives(self, theta: Floats, name: str, unit: Floats) -> Floats:
-        """(cases, 6, k) change of every reading per unit of each column of an input, to first order.
-
-        Args:
-            theta: (parameters,).
-            name: of the input.
-            unit: (cases, k) of each column; nothing changes by one that has none.
-        """
-        inputs, now = self.observations.inputs, self.readings(theta)
-        out = np.zeros((*now.shape, unit.shape[1]))
-        for k in np.flatnonzero(unit.any(axis=0)):
-            moved = np.array(getattr(inputs, name))
-            moved[:, k] += _STEP * unit[:, k]
-            there = self.model.predict(inputs._replace(**{name: jax.device_put(moved)}), theta).reading
-            out[:, :, k] = (np.asarray(there) - now) / _STEP
-        return out
-
-    @cached_property
-    def _pieces(self) -> Pieces:
-        """The load cases, made ready once for all predictions."""
-        return self.model.pieces(self.observations.inputs)
-
-    @cached_property
-    def _tips(self) -> tuple[Floats, Floats]:
-        """Jacobian (cases, 6, rotations) of the load point, and (cases, 3, 3) from its axes to the metacarpal's."""
-        model = self.model
-        tip = tip_kinematics_batch(model.finger.topology, model.values, self.observations.inputs.posture)
-        return np.asarray(tip.jacobian), np.asarray(tip.to_base)
-
     def of_rows(self, changes: Floats) -> Floats:
         """(n, k) of the readings, from changes (cases, 6, k) of all components."""
         out: Floats = changes[self.rows // 6, self.rows % 6]
         return out
 
-    def _as_read(self, wrench: Floats) -> Floats:
-        """Changes of the tip's wrench (cases, k, 6) as the cell reads them at either mount; a check reads none."""
-        inputs = self.observations.inputs
-        bone = np.zeros_like(wrench)
-        bone[:, :, :3] = -np.einsum("nij,nkj->nki", self._tips[1], wrench[:, :, :3])
-        at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
-        out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
-        return out
-
     def _clamp_twist(self) -> Floats:
         """(n, k) columns of Mx and My in every setting, with what the tip then carries besides."""
-        model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology
+        model, inputs, topology = self.model, self.inputs, self.model.finger.topology
         carried, rotations = list(topology.reactions), list(topology.rotations)
         free = [c for c in (3, 4) if c not in carried]
         aside = [r for r in rotations if r not in {j.name for j in topology.joints}]

@@ -97,12 +97,6 @@ class Session:
         kept[np.flatnonzero(self.fitted)[gone]] = False
         return replace(self, fitted=kept)
 
-    def with_observations(self, observations: Observations) -> Session:
-        """The same model with other readings or load cases in the same rows."""
-        problem = replace(self.problem, observations=observations, _fitted=[])
-        changes = replace(self.changes, observations=observations, _smooth={})
-        return replace(self, problem=problem, changes=changes, errors=LinearisedErrors(changes))
-
     @cached_property
     def fitted_noise(self) -> CaseNoise:
         """By case, of the fitted readings."""
@@ -227,7 +221,7 @@ def session_of(
         )
     stated = model.budget.tension_factor_case_sd
     problem = weighted_problem(model, observations, rows[fitted], np.eye(int(fitted.sum())), chosen, held)
-    changes = ReadingChanges(model, observations, problem.centre, rows)
+    changes = ReadingChanges(model, observations.inputs, observations, problem.centre, rows)
     return Session(problem, rows, fitted, chosen, stated, changes, LinearisedErrors(changes))
 
 

@@ -7,14 +7,13 @@ A reading is worth the mutual information [nat] between law and reading (Lindley
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import muscles_of
-from fingermodel.comparison.reading_noise import Noise
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import (
     PlannedReading,
@@ -25,6 +24,7 @@ from fingermodel.diagnosis.next_cases.next_cases import (
 )
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.case_noise import as_read, by_case
+from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
@@ -83,7 +83,8 @@ def deciding(
     live = {law.name: law for law in laws}
     cases = feasible(diagnosis)
     inputs = inputs_of(diagnosis, cases)
-    slopes = {text: change for (_, _, text, _), _, change in _planned(fit, cases, inputs) if text in texts}
+    formulas = library(CaseChanges(diagnosis.session.model, inputs), fit.theta)
+    slopes = {text: change for (_, _, text, _), _, change in formulas if text in texts}
     leading = [law for law in laws if law.name in slopes][:_LAWS]
     if not leading:
         return (), ()
@@ -95,24 +96,6 @@ def deciding(
     prior /= prior.sum()
     changes = [_change(slopes[n], live.get(n), slopes[first.name], first) for n in names]
     return _ranked(diagnosis, fit, cases, inputs, changes, prior), tuple(names)
-
-
-def _planned(fit: Optimum, cases: Sequence[PlannedReading], inputs: LoadCaseInput) -> Any:
-    """The library of formulas at planned cases."""
-    session, count = fit.session, len(cases)
-    observations = replace(
-        session.observations,
-        ids=tuple(str(k) for k in range(count)),
-        roles=("identification",) * count,
-        postures=tuple(c.posture for c in cases),
-        locations=tuple(c.location for c in cases),
-        masses_g=tuple(c.masses_g for c in cases),
-        inputs=inputs,
-        wrench=np.zeros((count, 6)),
-        noise=Noise(np.zeros((count, 6, 6))),
-        tared=np.zeros((0, 6)),
-    )
-    return library(session.with_observations(observations), fit.theta)
 
 
 def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: SharedLaw) -> tuple[Floats, Floats]:

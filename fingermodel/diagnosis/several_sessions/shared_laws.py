@@ -140,7 +140,7 @@ def _effects(fits: Sequence[Optimum]) -> list[_Offer]:
 
 
 def _formulas(fits: Sequence[Optimum]) -> list[_Offer]:
-    found: list[dict[str, Any]] = [{t[0][2]: t for t in library(f.session, f.theta)} for f in fits]
+    found: list[dict[str, Any]] = [{t[0][2]: t for t in library(f.session.changes, f.theta)} for f in fits]
     out = []
     for text, (about, scale, _) in found[0].items():
         if all(text in other for other in found):

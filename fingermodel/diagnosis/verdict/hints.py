@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fingermodel.diagnosis.posterior.gaussian import gain_of_each
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
 
 Floats = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def hints(fit: Optimum, node: Node) -> tuple[Hint, ...]:
     """
     session = fit.session
     rows = session.rows[session.fitted]
-    terms = list(library(session, fit.theta))
+    terms = list(library(session.changes, fit.theta))
     columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
     a, s = fit.asked(columns, node)
     spread = float(np.sqrt(max(fit.misfit(node) / max(len(rows), 1), 1.0)))
@@ -103,15 +103,14 @@ def hints(fit: Optimum, node: Node) -> tuple[Hint, ...]:
 Term = tuple[tuple[str, str | None, str, str], float, Floats]
 
 
-def library(session: Session, theta: Floats) -> Iterator[Term]:
+def library(changes: CaseChanges, theta: Floats) -> Iterator[Term]:
     """Formulas of up to three factors: their stage, joint, text and unit; a plausible size of the coefficient; slopes.
 
     Slopes (n, 6) are the change of every reading per unit of the coefficient.
     """
-    model, observations = session.model, session.observations
-    topology, inputs = model.finger.topology, observations.inputs
+    topology, inputs = changes.model.finger.topology, changes.inputs
     tension, posture = np.asarray(inputs.tension), np.asarray(inputs.posture)
-    answer = session.changes.torque_answer
+    answer = changes.torque_answer
     angles = {r: posture[:, k] for k, r in enumerate(topology.rotations)}
     joints = [j for j in topology.joints if j.flexion >= 0]
     total = " + ".join(f"t_{m}" for m in topology.muscles)
@@ -131,12 +130,12 @@ def library(session: Session, theta: Floats) -> Iterator[Term]:
         for words, pull in squares:
             formula = f"torque[{rotation}] += k * {words}"
             yield ("torque", rotation, formula, "mm/N"), 0.3, answer[:, row] * pull[:, None]
-    by_tension = session.changes.by_tension(theta)
+    by_tension = changes.by_tension(theta)
     slopes = {m: by_tension[:, :, k] for k, m in enumerate(topology.muscles) if by_tension[:, :, k].any()}
     for m, slope in slopes.items():
         for shape, values in _shapes(joints, angles):
             yield ("tension", None, f"tension[{m}] *= 1 + k{shape}", "1"), 0.1, slope * values[:, None]
-    reading = session.changes.readings(theta)
+    reading = changes.readings(theta)
     for place, at in (("tip", ~np.asarray(inputs.at_bone)), ("bone", np.asarray(inputs.at_bone))):
         if not at.any():
             continue

@@ -58,7 +58,8 @@ def test_a_session_in_which_nothing_hangs_is_refused_in_words(bench: Session) ->
 def _with_loads(session: SessionModel, postures: Any, tension: Floats, at_bone: Any) -> SessionModel:
     """The session with other postures, tensions (cases, muscles) and mounts of its cases."""
     inputs = session.observations.inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone))
-    return session.with_observations(replace(session.observations, postures=tuple(postures.tolist()), inputs=inputs))
+    observations = replace(session.observations, postures=tuple(postures.tolist()), inputs=inputs)
+    return replace(session, problem=replace(session.problem, observations=observations))
 
 
 @pytest.mark.parametrize(("heavier", "new"), [(1.0, False), (10.0, True)])
