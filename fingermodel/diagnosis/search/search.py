@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import BadCases
 from fingermodel.diagnosis.search.beginning import Beginning
 from fingermodel.diagnosis.search.case_odds import explained, odds_of_taken
-from fingermodel.diagnosis.search.offers import Offer, best_forms, better
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.session_model.slip_odds import Explained
@@ -35,6 +35,13 @@ _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 _SMOOTH = 0.08
 # Log posterior by which a promise must exceed what a fit has, for it to be fitted anew.
 _MORE = 1.0
+
+
+class Offer(NamedTuple):
+    """Log posterior that an explanation that is not fitted yet is promised, and where the session was linearised."""
+
+    value: float
+    host: Optimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +72,9 @@ class Searched:
 
 def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Searched:
     """Search on from a beginning, with so many fits at most."""
-    found = _explained(bad_cases.all_out(begun), most)
+    found = _Search(bad_cases.all_out(begun)).explained(most)
     while cases := bad_cases.overlooked(found.begun, found.fits.values()):
-        other = _explained(bad_cases.beginner.beside((*found.begun.slips, cases)), most, found.fits)
+        other = _Search(bad_cases.beginner.beside((*found.begun.slips, cases))).explained(most, found.fits)
         slips = explained(other.leader, cases)
         gain = max((one.gain for one in slips.values()), default=0.0)
         if other.leader.log_posterior + LOG_PRIOR_ODDS + gain <= found.leader.log_posterior:
@@ -80,12 +87,6 @@ def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Sear
 def unsearched(begun: Beginning) -> Searched:
     """The base model alone, and what it promises the rest."""
     return _Search(begun).searched({}, {})
-
-
-def _explained(begun: Beginning, most: int, before: Mapping[Explanation, Optimum] | None = None) -> _Search:
-    out = _Search(begun)
-    out.explain(most, before)
-    return out
 
 
 class _Search:
@@ -113,8 +114,8 @@ class _Search:
         """What was found, with what is known of the cases taken for bad."""
         return Searched(self._hyper, self.fits, self._rest(), self.begun.plain, bad, slips)
 
-    def explain(self, most: int, before: Mapping[Explanation, Optimum] | None) -> None:
-        """Fit explanations; no further ones once there were so many fits.
+    def explained(self, most: int, before: Mapping[Explanation, Optimum] | None = None) -> _Search:
+        """The same once explanations are fitted; no further ones once there were so many fits.
 
         Args:
             most: fits.
@@ -138,6 +139,7 @@ class _Search:
                 if fit.promise_of_one > fit.log_posterior + _MORE:
                     self._keep(self._fitter.of_one(fit))
             self._until_none_promises(most)
+        return self
 
     def _keep(self, found: Optimum) -> None:
         self.begun.count.one_more()
@@ -292,3 +294,17 @@ class _Search:
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
         promised = self._promised(leader, [e for e in offers if e not in self.fits], [leader.best])
         return {e: Promise.of(e, leader, min(value, most), self._log_prior(e)) for e, value in promised.items()}
+
+
+def better(some: Mapping[Explanation, Offer], others: Mapping[Explanation, Offer]) -> dict[Explanation, Offer]:
+    """Of each explanation what promises more."""
+    new = {e: offer for e, offer in others.items() if e not in some or offer.value > some[e].value}
+    return {**some, **new}
+
+
+def best_forms(promised: Mapping[Explanation, Offer]) -> list[Explanation]:
+    """Of each set of names the form that promises most; the most promising first."""
+    best: dict[tuple[str, ...], Explanation] = {}
+    for explanation in sorted(promised, key=lambda e: -promised[e].value):
+        best.setdefault(explanation.names, explanation)
+    return list(best.values())
