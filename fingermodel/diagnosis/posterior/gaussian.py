@@ -227,9 +227,6 @@ def log_mass(mean: Floats, covariance: Floats, cut: Mask) -> float:
     which = np.flatnonzero(cut)
     if len(which) == 0:
         return 0.0
-    if len(which) == 1:
-        i = which[0]
-        return float(np.log(2.0) + log_ndtr(mean[i] / np.sqrt(covariance[i, i])))
     return float(len(which) * np.log(2.0) + _log_orthant(mean[which], covariance[np.ix_(which, which)]))
 
 

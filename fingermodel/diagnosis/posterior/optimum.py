@@ -114,11 +114,7 @@ class Optimum(Integrated):
     def _steps(self) -> Steps:
         # A cycle of references would keep all columns until the garbage collector runs.
         fit = weakref.proxy(self)
-
-        def log_joints(nodes: Sequence[Node]) -> list[float]:
-            return list(fit.log_joints(nodes))
-
-        return Steps(log_joints)
+        return Steps(lambda nodes: list(fit.log_joints(nodes)))
 
     @cached_property
     def mode(self) -> Node:

@@ -27,7 +27,6 @@ class Candidate:
         forms: each a set of indices of parameters; they share the candidate's prior.
         share: of its effect's prior.
         outside: whether its effect is marked as outside the catalogue.
-        rests_on_clamp_assumption: whether only out-of-plane forces can support it.
     """
 
     name: str
@@ -35,7 +34,6 @@ class Candidate:
     forms: tuple[tuple[int, ...], ...]
     share: float
     outside: bool = False
-    rests_on_clamp_assumption: bool = False
 
     @property
     def has_form(self) -> bool:
@@ -120,17 +118,8 @@ class Candidates:
                 seen = (tuple(table.index[p] for p in names if table.index[p] not in hidden) for names in forms)
                 if kept := tuple(dict.fromkeys(s for s in seen if s)):
                     found[name] = kept
-            out += [
-                Candidate(
-                    name,
-                    effect.name,
-                    forms,
-                    1.0 / len(found),
-                    effect.outside,
-                    effect.rests_on_clamp_assumption,
-                )
-                for name, forms in found.items()
-            ]
+            share = 1.0 / max(len(found), 1)
+            out += [Candidate(name, effect.name, forms, share, effect.outside) for name, forms in found.items()]
         return cls(tuple(out))
 
     @cached_property

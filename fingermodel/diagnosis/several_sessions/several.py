@@ -287,7 +287,6 @@ class _Pooling:
                     own + tied,
                     own,
                     each,
-                    value,
                     float(np.exp(value - total)),
                 )
             )

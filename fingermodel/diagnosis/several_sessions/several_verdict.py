@@ -52,7 +52,6 @@ class SharedEffect:
         log_evidence_shared: that it acts in all over that it acts in none, with one size for all; to the same power.
         log_evidence_own: the same with a size for each session.
         each: by session.
-        log_weight: its prior included.
         probability: of this explanation among all pooled ones.
     """
 
@@ -64,7 +63,6 @@ class SharedEffect:
     log_evidence_shared: float
     log_evidence_own: float
     each: tuple[InSession, ...]
-    log_weight: float
     probability: float = 0.0
 
     @property

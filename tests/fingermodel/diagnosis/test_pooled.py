@@ -71,7 +71,6 @@ def shared(
         60.0,
         58.0,
         each,
-        0.0,
         probability,
     )
 
