@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of, largest_loads
+from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
 from fingermodel.diagnosis.settings import SEED
 from fingermodel.fitting.roots import root_of
 
@@ -44,12 +45,12 @@ def effect_size(d: Diagnosis) -> dict[str, Any]:
         moved = theta.copy()
         moved[index[at]] += draw * scale[index[at]]
         vectors.append(np.clip(moved, table.lower, table.upper))
-    pieces, changes = model.pieces(inputs_of(d, cases)), np.zeros((len(vectors), len(cases)))
+    planned, changes = CaseChanges(model, inputs_of(d, cases)), np.zeros((len(vectors), len(cases)))
     for k, vector in enumerate(vectors):
         without = vector.copy()
         without[own] = table.initial[own]
-        with_it, plain = (np.asarray(model.predict(pieces, v).reading)[:, :3] for v in (vector, without))
-        changes[k] = np.linalg.norm(with_it - plain, axis=1)
+        change = planned.readings(vector) - planned.readings(without)
+        changes[k] = np.linalg.norm(change[:, :3], axis=1)
     low, high = np.quantile(changes[1:], [0.025, 0.975], axis=0)
     levels = len(_LEVELS)
     return {

@@ -221,13 +221,5 @@ def described(curves: Curves, curve: Curve, said: Sequence[Said], size: float, l
     count, features, whole = len(curve.parts), curves.root.shape[1], gain(said, size)
     every = np.arange(count * features).reshape(count, features)
     lost = np.array([whole - gain(said, size, np.delete(every, p, axis=0).reshape(-1)) for p in range(count)])
-    return SmoothCurve(
-        curve.stage,
-        curve.parts,
-        size,
-        log_evidence,
-        lost,
-        curves.postures,
-        curves.rotations,
-        *values_of(curves, said, size),
-    )
+    mean, sd = values_of(curves, said, size)
+    return SmoothCurve(curve.stage, curve.parts, size, log_evidence, lost, curves.postures, curves.rotations, mean, sd)

@@ -100,26 +100,15 @@ class Hyperparameters:
         carriers = session.changes.carriers
         of_one = settings.P_OF_ONE / (len(carriers) - 1)
         of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
-        return cls(
-            (
-                scatter,
-                noise,
-                *others,
-                *[multiple] * 2,
-                *[
-                    Axis.of(settings.OF_GROUP.times(size))
-                    if size * session.errors.by_group[name].any()
-                    else Axis.none()
-                    for name, size in GroupErrors.usual(session.model.budget)._asdict().items()
-                ],
-                *[smooth] * len(FAMILIES),
-                Axis(np.arange(float(len(carriers))), of_each),
-            ),
-            Axis.half_cauchy(settings.FORM_ERRORS, settings.FORM_SCALE),
-            carriers,
-            len(set(carriers) & set(session.model.finger.topology.muscles)),
-            assumed,
-        )
+        carrier = Axis(np.arange(float(len(carriers))), of_each)
+        of_groups = [
+            Axis.of(settings.OF_GROUP.times(size)) if size * session.errors.by_group[name].any() else Axis.none()
+            for name, size in GroupErrors.usual(session.model.budget)._asdict().items()
+        ]
+        axes = (scatter, noise, *others, multiple, multiple, *of_groups, *[smooth] * len(FAMILIES), carrier)
+        form = Axis.half_cauchy(settings.FORM_ERRORS, settings.FORM_SCALE)
+        tendons = len(set(carriers) & set(session.model.finger.topology.muscles))
+        return cls(axes, form, carriers, tendons, assumed)
 
     def start(self, forms: int) -> Node:
         """The most probable node before any reading."""

@@ -273,23 +273,12 @@ class _Pooling:
         total = float(logsumexp([self.apart(sessions), *values.values()]))
         out = []
         for e, value in values.items():
-            tied, mean, sd = self.tied(e, sessions)
-            scale, at = self._scale[list(e.parameters)], list(e.parameters)
-            each = tuple(self._each[e][k][1] for k in sessions)
+            (tied, mean, sd), at = self.tied(e, sessions), list(e.parameters)
+            size, spread = self._table.centre[at] + mean * self._scale[at], sd * self._scale[at]
+            parameters = tuple(self._table.parameters[i] for i in at)
+            each, p = tuple(self._each[e][k][1] for k in sessions), float(np.exp(value - total))
             own = sum(s.gain for s in each)
-            out.append(
-                SharedEffect(
-                    e,
-                    tuple(self._table.parameters[i] for i in at),
-                    tied >= 0.0,
-                    self._table.centre[at] + mean * scale,
-                    sd * scale,
-                    own + tied,
-                    own,
-                    each,
-                    float(np.exp(value - total)),
-                )
-            )
+            out.append(SharedEffect(e, parameters, tied >= 0.0, size, spread, own + tied, own, each, p))
         out.sort(key=lambda s: -s.probability)
         return tuple(out), float(np.exp(self.apart(sessions) - total))
 

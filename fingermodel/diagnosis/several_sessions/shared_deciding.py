@@ -28,7 +28,6 @@ from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
-from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 
@@ -82,9 +81,8 @@ def deciding(
     texts += [rival for law in laws for rival in law.rivals]
     live = {law.name: law for law in laws}
     cases = feasible(diagnosis)
-    inputs = inputs_of(diagnosis, cases)
-    formulas = library(CaseChanges(diagnosis.session.model, inputs), fit.theta)
-    slopes = {text: change for (_, _, text, _), _, change in formulas if text in texts}
+    planned = CaseChanges(diagnosis.session.model, inputs_of(diagnosis, cases))
+    slopes = {text: change for (_, _, text, _), _, change in library(planned, fit.theta) if text in texts}
     leading = [law for law in laws if law.name in slopes][:_LAWS]
     if not leading:
         return (), ()
@@ -95,7 +93,7 @@ def deciding(
     prior = np.array([np.exp(live[n].left_out_gain.sum() if n in live else first.left_out_gain.sum()) for n in names])
     prior /= prior.sum()
     changes = [_change(slopes[n], live.get(n), slopes[first.name], first) for n in names]
-    return _ranked(diagnosis, fit, cases, inputs, changes, prior), tuple(names)
+    return _ranked(fit, cases, planned, changes, prior), tuple(names)
 
 
 def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: SharedLaw) -> tuple[Floats, Floats]:
@@ -107,25 +105,24 @@ def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: Shared
 
 
 def _ranked(
-    diagnosis: Diagnosis,
     fit: Optimum,
     cases: Sequence[PlannedReading],
-    inputs: LoadCaseInput,
+    planned: CaseChanges,
     changes: Sequence[tuple[Floats, Floats]],
     prior: Floats,
 ) -> tuple[Deciding, ...]:
-    session, model = diagnosis.session, diagnosis.session.model
+    session, model = fit.session, planned.model
     theta, covariance, index = fit.parameter_posterior(fit.best)
-    pieces, slopes = model.pieces(inputs), np.empty((len(cases), 6, len(index)))
+    slopes = np.empty((len(cases), 6, len(index)))
     for k, i in enumerate(index):
         both = []
         for sign in (1.0, -1.0):
             moved = theta.copy()
             moved[i] += sign * _STEP * session.problem.scale[i]
-            both.append(np.asarray(model.predict(pieces, moved).reading))
+            both.append(planned.readings(moved))
         slopes[:, :, k] = (both[0] - both[1]) / (2.0 * _STEP)
     values = fit.hyper.values(fit.best)
-    mean = np.asarray(model.predict(pieces, theta).reading)
+    mean = planned.readings(theta)
     force = np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
     unit = np.array([1.0, 1.0, 1.0, LEVER_MM, LEVER_MM, LEVER_MM])
     noise = as_read(np.diag(force * unit**2), unit, values.errors.noise, session.observations.noise_assumed)
