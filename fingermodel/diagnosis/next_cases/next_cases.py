@@ -305,12 +305,11 @@ def most_information(means: Floats, covariances: Floats, prior: Floats) -> Float
 
 def _parted(names: Sequence[str], each: dict[str, tuple[Floats, Floats]], prior: Floats) -> tuple[str, ...]:
     """The two explanations that a case parts best, weighed by how probable both are."""
-    best: tuple[str, ...] = (names[0],)
-    value = -1.0
-    for i, j in combinations(range(len(names)), 2):
-        (a, ca), (b, cb) = each[names[i]], each[names[j]]
-        distance = float((a - b) @ np.linalg.solve(ca + cb, a - b))
-        score = min(prior[i], prior[j]) * distance / (1.0 + distance)
-        if score > value:
-            best, value = (names[i], names[j]), score
-    return best
+
+    def parted(pair: tuple[int, ...]) -> float:
+        (a, of_a), (b, of_b) = (each[names[k]] for k in pair)
+        distance = float((a - b) @ np.linalg.solve(of_a + of_b, a - b))
+        return float(min(prior[k] for k in pair)) * distance / (1.0 + distance)
+
+    best = max(combinations(range(len(names)), 2), key=parted, default=(0,))
+    return tuple(names[k] for k in best)
