@@ -165,8 +165,7 @@ def diagnose(
     """
     began = time.perf_counter()
     session = session_of(model, observations, plane, held)
-    had = {name.split(".")[0] for name in held}
-    candidates = Candidates.of(model, sagittal=session.plane == "sagittal", without=had)
+    candidates = Candidates.of(model, sagittal=session.plane == "sagittal", held=held)
     most = MOST_FITS * (3 if thorough else 1)
     bad_cases = BadCases(Beginner(session, candidates, start, progress))
     begun = bad_cases.grossly()

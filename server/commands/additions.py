@@ -40,31 +40,33 @@ def add_to_sessions(
         raise InputError("--shared with --out or --model", "neither: each session has a model of its own")
     if len({session, *shared}) <= len(shared):
         raise InputError("a session is given twice", "each session once")
-    bodies = {}
+    if out is not None:
+        require_new(out)
+    require_writable(out or Path("models"), folder=out is None)
+    chosen, own = resolved_effects(effects)
+    benches, bodies = {}, {}
+    # A session that cannot be read ends the command before anything is kept.
     for one in [session, *shared]:
+        with progress("Reading and correcting") as tell:
+            benches[one] = Session.open(one, model, progress=tell, effects=own)
+    for one, bench in benches.items():
         folder = figures / one if figures and shared else figures
-        bodies[one] = _add_to_session(effects, one, without, model, out, folder, quiet=json is not None)
+        bodies[one] = _add_to_session(chosen, bench, one, without, out, folder, quiet=json is not None)
     if json is not None:
         answer("add", {"sessions": bodies} if shared else bodies[session], json)
 
 
 def _add_to_session(
-    effects: list[str],
+    chosen: list[str],
+    bench: Session,
     session: str,
     without: list[str],
-    model: str | None,
     out: Path | None,
     figures: Path | None,
     *,
     quiet: bool,
 ) -> dict[str, Any]:
     """Add effects to a session's model, refit, write the revision and show the fall of the error."""
-    if out is not None:
-        require_new(out)
-    require_writable(out or Path("models"), folder=out is None)
-    chosen, own = resolved_effects(effects)
-    with progress("Reading and correcting") as tell:
-        bench = Session.open(session, model, progress=tell, effects=own)
     with progress("Refitting") as tell:
         before, addition, after = add_bench(bench, chosen, without, tell)
     with progress("Refitting without it") as tell:
@@ -89,7 +91,7 @@ def _add_to_session(
     if quiet:
         return body
     say_first(body)
-    if addition.names:
+    if addition.log_evidence_gain is not None:
         say(f"Evidence: ln Z {moved(addition.log_evidence_gain)} with {', '.join(addition.names)}")
     print_history(document["history"])
     say(f"Model: {path}   (fingertwin diagnose {quoted(session)} --model {quoted(path)})")

@@ -16,7 +16,7 @@ from fingermodel.diagnosis.posterior.hyper import FORMS, GRIDS, Hyperparameters,
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import BadCases
 from fingermodel.diagnosis.search.beginning import Beginner
-from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates, Explanation, Member
+from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.effects.formula_tree import near
 from fingermodel.fingers import Plane
@@ -82,31 +82,34 @@ class Addition:
         fit: of everything together.
         names: of the candidates added.
         log_evidence_gain: over the same model without them, the budget's size and the effects' form left open as in a
-            diagnosis.
+            diagnosis; None where none was added.
         recipe: of what the fit minimises.
     """
 
     fit: Fit
     names: tuple[str, ...]
-    log_evidence_gain: float
+    log_evidence_gain: float | None
     recipe: Recipe
 
     def __repr__(self) -> str:
-        return f"<Addition of {', '.join(self.names) or 'nothing'}: ln evidence {self.log_evidence_gain:+.1f}>"
+        if self.log_evidence_gain is None:
+            return "<Addition of nothing>"
+        return f"<Addition of {', '.join(self.names)}: ln evidence {self.log_evidence_gain:+.1f}>"
 
 
-def chosen_candidates(model: Model, names: Sequence[str], *, sagittal: bool) -> tuple[tuple[Candidate, ...], ...]:
-    """Find what names stand for: each a candidate, or every candidate of an effect, of which the best is taken.
+def _explanations(model: Model, names: Sequence[str], *, sagittal: bool, held: Sequence[str]) -> list[Explanation]:
+    """List what names may stand for together: each a candidate, or every candidate of an effect, in each of its forms.
 
     Raises:
-        ModelError: a name that is none, or an effect that this finger or session cannot have.
+        ModelError: a name that is none, an effect that this finger or session cannot have or the model has already, or
+            names that cannot act together.
     """
-    candidates = Candidates.of(model, sagittal=sagittal).all
-    out = []
+    every, candidates = (Candidates.of(model, sagittal=sagittal, held=had) for had in ((), held))
+    options = []
     for name in names:
-        found = tuple(c for c in candidates if name in (c.name, c.effect))
-        if not found:
-            known = list(dict.fromkeys(c.effect for c in candidates))
+        named = [c for c in every.all if name in (c.name, c.effect)]
+        if not named:
+            known = list(dict.fromkeys(c.effect for c in every.all))
             if any(e.name == name.split(".")[0] for e in model.effects):
                 raise ModelError(f"effect {name} cannot act in this session", f"one of {', '.join(known)}")
             raise ModelError(
@@ -114,8 +117,14 @@ def chosen_candidates(model: Model, names: Sequence[str], *, sagittal: bool) -> 
                 f"one of {', '.join(known)}, a file of an effect, or a formula in quotes",
                 near(name, known),
             )
-        out.append(found)
-    return tuple(out)
+        left = [c for c in candidates.all if c in named]
+        if not left:
+            raise ModelError(f"the model has {name} already", "an effect that it lacks", "Take it out first")
+        options.append([Member(c, k) for c in left for k in range(len(c.forms))])
+    out = [e for members in product(*options) if (e := candidates.joined(members)) is not None]
+    if not out:
+        raise ModelError(f"{' and '.join(names)} share a parameter", "effects with none in common, each once")
+    return out
 
 
 def add_effects(
@@ -144,27 +153,26 @@ def add_effects(
         start: (parameters,) of an earlier fit, one more start of the final refit.
         starts: of the final refit besides.
         progress: called with the fraction of the final refit that is done.
+
+    Raises:
+        ModelError: names that cannot be added, to this model or together.
     """
     session = session_of(model, observations, plane, held)
-    sagittal, had = session.plane == "sagittal", {name.split(".")[0] for name in held}
-    choices = chosen_candidates(model, names, sagittal=sagittal)
-    candidates = Candidates.of(model, sagittal=sagittal, without=had)
+    sagittal = session.plane == "sagittal"
+    explanations = _explanations(model, names, sagittal=sagittal, held=held) if names else []
+    candidates = Candidates.of(model, sagittal=sagittal, held=held)
     # An earlier fit changes nothing of what is minimised: a refit of a refitted model stays where it is.
     bad_cases = BadCases(Beginner(session, candidates))
     begun = bad_cases.all_out(bad_cases.grossly())
     fitter, base = begun.fitter, begun.nothing
     also = [] if start is None else [start]
     best, alone = base, base.log_posterior - base.log_prior
-    options = [[Member(c, k) for c in found for k in range(len(c.forms))] for found in choices]
-    for members in product(*options) if names else ():
-        explanation = candidates.joined(members)
-        if explanation is None:
-            continue
+    for explanation in explanations:
         for begin in (base.expected(explanation, base.best), session.problem.centre):
             found = fitter.fit(explanation, begin, base.best, base.bad, log_prior=0.0)
             if best is base or found.log_posterior > best.log_posterior:
                 best = found
-    gain = 0.0 if best is base else best.log_posterior - alone
+    gain = None if best is base else best.log_posterior - alone
     recipe = Recipe.of(best, (*begun.plain, *best.best[FORMS:]))
     problem = recipe.problem(model, observations, plane, held)
     values, apart = fitter.hyper.values(recipe.node), tuple(observations.ids[case] for case in recipe.bad)

@@ -99,19 +99,19 @@ class Candidates:
     all: tuple[Candidate, ...]
 
     @classmethod
-    def of(cls, model: Model, *, sagittal: bool = False, without: Iterable[str] = ()) -> Candidates:
+    def of(cls, model: Model, *, sagittal: bool = False, held: Iterable[str] = ()) -> Candidates:
         """List the candidates of a model's effects.
 
         Args:
             model: with the effects at their null.
             sagittal: whether only the sagittal plane is looked at, so that parameters beyond it stay fixed.
-            without: effects that the base model has already.
+            held: parameters of effects that the base model has already; what has any of them is no candidate.
         """
         topology, layout, table = model.finger.topology, model.layout, model.parameters
         hidden = set(np.flatnonzero(out_of_plane(model))) if sagittal else set()
-        had, out = set(without), list[Candidate]()
+        had, out = {table.index[name] for name in held}, list[Candidate]()
         for effect in model.effects:
-            if effect.name in had or not effect.parameters(topology, layout):
+            if not effect.parameters(topology, layout):
                 continue
             found = {}
             for name, forms in effect.variants(topology, layout).items():
@@ -119,7 +119,8 @@ class Candidates:
                 if kept := tuple(dict.fromkeys(s for s in seen if s)):
                     found[name] = kept
             share = 1.0 / max(len(found), 1)
-            out += [Candidate(name, effect.name, forms, share, effect.outside) for name, forms in found.items()]
+            new = {name: forms for name, forms in found.items() if had.isdisjoint(i for form in forms for i in form)}
+            out += [Candidate(name, effect.name, forms, share, effect.outside) for name, forms in new.items()]
         return cls(tuple(out))
 
     @cached_property

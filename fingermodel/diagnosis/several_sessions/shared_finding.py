@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import SHARED_P, SURE, SUSPECT
+from fingermodel.diagnosis.settings import SHARED_P, SURE
 from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
 from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
@@ -186,7 +186,7 @@ def shared_finding(
     told(0.2)
     observed, shuffled = permuted(searches, permutations, lambda done: told(0.2 + 0.6 * done))
     # A curve that each session has of its own resembles laws by chance.
-    likely = float(expit(leading.log_evidence)) >= SUSPECT
+    likely = leading.log_evidence >= 0.0
     laws = shared_laws(fits, leading.nodes) if likely else ()
     as_curves = np.array([search.shown_by(leading, law.changes) for law in laws]).reshape(-1, *leading.mean.shape)
     told(1.0)

@@ -41,7 +41,7 @@ def as_read(bench: Session, theta: Floats, times: Floats | float = 1.0) -> Obser
 def fitted(bench: Session, observations: Observations, names: tuple[str, ...]) -> Optimum:
     """An explanation of these names, fitted to the identification cases."""
     session = session_of(bench.model, observations)
-    candidates = Candidates.of(bench.model, sagittal=session.plane == "sagittal", without=set())
+    candidates = Candidates.of(bench.model, sagittal=session.plane == "sagittal")
     fitter = Fitter(session, candidates, Hyperparameters.of(session))
     explanation: Explanation = next((e for e in candidates.singles if e.names == names), NOTHING)
     base = fitter.fit(NOTHING, session.problem.centre, fitter.hyper.usual)
