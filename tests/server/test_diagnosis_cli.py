@@ -162,10 +162,20 @@ def test_what_was_added_is_held_and_can_be_taken_out(added: tuple[Path, dict[str
     out = tmp_path / "without.json"
     body = run("add", "DEV-02", "--without", "hanger_mass", "--model", path, "--out", out, "--json", "-").body("add")
     assert [s["added"] for s in body["history"]] == [[], [], ["hanger_mass"], []]
-    assert body["removed"] == ["hanger_mass"]
+    assert (body["removed"], body["log_evidence_gain"]) == (["hanger_mass"], None)
     last, before = body["history"][-1]["rmse_N"], body["history"][-2]["rmse_N"]
     assert last["validation/tip"] > 1.5 * before["validation/tip"]
     assert json.loads(out.read_text(encoding="utf-8"))["effects"] == []
+
+
+def test_nothing_is_kept_of_any_session_where_one_cannot_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer = run("add", "hanger_mass", "DEV-02", "--shared", "DEV-99")
+    assert answer.code == 2
+    assert "no session at DEV-99" in answer.err
+    assert not list(tmp_path.rglob("*.json"))
 
 
 def test_the_catalogue_is_shown_whole() -> None:
