@@ -1,6 +1,7 @@
-"""Every number that the diagnosis assumes: priors with a meaning, thresholds of what is said, numerical tolerances.
+"""What the diagnosis assumes: priors with a meaning, thresholds of what is said, and tolerances of several modules.
 
-Nothing else in this package is a free choice. `docs/explanations/diagnosis.md` says in words what each prior states.
+`docs/explanations/diagnosis.md` says in words what each prior states. What one module alone needs stands at its top: steps
+of derivatives, how many offers are fitted or shown, and thresholds of tests without a model.
 """
 
 from __future__ import annotations
