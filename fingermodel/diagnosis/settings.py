@@ -1,7 +1,7 @@
 """What the diagnosis assumes: priors with a meaning, thresholds of what is said, and tolerances of several modules.
 
-`docs/explanations/diagnosis.md` says in words what each prior states. What one module alone needs stands at its top: steps
-of derivatives, how many offers are fitted or shown, and thresholds of tests without a model.
+`docs/explanations/diagnosis.md` says in words what each prior states. What one module alone needs stands at its top:
+steps of derivatives, how many offers are fitted or shown, and thresholds of tests without a model.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtr
 
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior, summed
@@ -162,7 +162,7 @@ def _found(
 
 def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
     p, misfit = posterior.p_nothing, fit.misfit(fit.node)
-    if short := _left(posterior, fit, "noise, scatter and budget", fit.node):
+    if short := _left(posterior, fit, "noise, scatter and budget", fit.node) or far_off(fit):
         return Verdict("undecided", (), (), p, (), (short,))
     reason = (
         f"Noise, scatter and the stated budget explain the readings (misfit {misfit:.0f} for {len(fit.residual)} "
@@ -183,6 +183,17 @@ def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
         more.append(f"{1000.0 * posterior.noise[0]:.0f} mN of noise beside the measured one")
     want = f"; the readings want {words(more)}" if more else ""
     return f"{what} as stated leave a misfit of {fit.misfit(node):.0f} for {len(fit.residual)} readings{want}"
+
+
+def far_off(fit: Optimum) -> str:
+    """What is said where one error of the rig is larger than chance makes the largest of all, budget as stated."""
+    table = fit.session.problem.model.parameters
+    of_rig = np.flatnonzero(fit.session.problem.free & table.of_kind("budget"))
+    times = np.abs(fit.x[of_rig])
+    if not times.size or 2.0 * ndtr(-times.max()) * len(of_rig) >= P_VALUE:
+        return ""
+    most = int(np.argmax(times))
+    return f"{table.names[of_rig[most]]} would have to be off by {times[most]:.0f} times what is stated"
 
 
 def explains_as_stated(fit: Optimum) -> bool:

@@ -20,6 +20,7 @@ from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, 
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
 from fingermodel.diagnosis.verdict.predictive import predicted
+from fingermodel.diagnosis.verdict.verdict import far_off
 from fingermodel.session import Session
 from tests.fingermodel.diagnosis.dense import dense, dense_of_all
 
@@ -320,3 +321,15 @@ def test_a_fit_is_let_go_as_soon_as_nobody_asks_for_it(fitter: Fitter) -> None:
         assert known() is None
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize(
+    ("times", "said"), [(0.0, ""), (4.0, ""), (-20.0, "zero.tip.y would have to be off by 20 times")]
+)
+def test_one_error_far_beyond_what_the_rig_states_is_no_small_error(nothing: Optimum, times: float, said: str) -> None:
+    """The misfit of all readings hides it among hundreds of others."""
+    problem = nothing.session.problem
+    at, theta = problem.model.parameters.index["zero.tip.y"], problem.centre.copy()
+    theta[at] += times * problem.scale[at]
+    assert far_off(nothing.but(theta=theta)).startswith(said)
+    assert bool(far_off(nothing.but(theta=theta))) is bool(said)
