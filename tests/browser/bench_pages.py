@@ -36,10 +36,14 @@ def until(seen: Watched, met: str, given: Any = None) -> None:
 
 
 def aged(route: Any) -> None:
-    """The bench's state as the service has it, but a tare is old after a second instead of a quarter of an hour."""
+    """The bench's state as the service has it, but with warnings, and a tare that is old after a second."""
     answer = route.fetch()
     state = answer.json()
     state["tare"] |= {"stale_after_s": 1.0}
+    state["warnings"] = [
+        {"code": code, "at_s": 1.0, "title": "Something is wrong", "to_do": "Look at it.", "text": "found"}
+        for code in ("doubtful_force", "zero_moved", "not_steady")
+    ]
     route.fulfill(response=answer, json=state)
 
 

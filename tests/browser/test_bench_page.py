@@ -323,6 +323,19 @@ def test_it_can_be_read_from_two_metres_pressed_with_gloves_and_looked_back_in(
         seen.page.reload()
         seen.page.get_by_text("The tare is old").wait_for()
         assert "With the next weight off, tare again." in seen.page.locator("main").inner_text()
+        # However much there is to warn of and wherever the page stands, every key is on a low screen.
+        seen.page.set_viewport_size({"width": 1280, "height": 720})
+        for down in (0, 1e6):
+            seen.page.evaluate("y => scrollTo(0, y)", down)
+            keys = [button.bounding_box() for button in seen.page.locator(".keypad button").all()]
+            assert min(k["y"] for k in keys) >= 0
+            assert max(k["y"] + k["height"] for k in keys) <= 720
+        # What a key asks does not scroll the force away.
+        seen.page.evaluate("scrollTo(0, 0)")
+        key(seen, "close").click()
+        cancel = seen.page.get_by_role("button", name="Cancel")
+        assert cancel.evaluate("e => [e === document.activeElement, scrollY]") == [True, 0]
+        seen.page.keyboard.press("Escape")
         seen.page.unroute("**/bench/state")
         # A case that is picked is drawn, and what hangs now when it is let go.
         seen.page.locator('[data-step="c007"]').click()
