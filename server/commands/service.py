@@ -6,7 +6,7 @@ import gc
 import platform
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from server.service.storage.audit import acting, entries
 from server.service.storage.database import Database
 from server.service.storage.purge import give_back
 from server.service.storage.purge import purge as remove
+from server.service.storage.reserve import released
 
 if TYPE_CHECKING:
     from daq.audit import Entry
@@ -109,6 +110,7 @@ def purge(given: Given, what: What, older_days: float, session: str | None, dry_
     """Remove what is older than so many days, and give its space back."""
     settings, given_back = settings_of(given), False
     with (
+        nullcontext() if dry_run else released(folder_of(settings)),
         database_of(settings) as database,
         acting(local_user(), platform.node()),
         progress("Counting" if dry_run else "Removing"),

@@ -23,6 +23,7 @@ from server.service.operation.migrate import upgrade
 from server.service.security.tokens import listed
 from server.service.settings import Settings
 from server.service.storage.database import Database
+from server.service.storage.reserve import occupy
 from server.service.web import logs
 from server.service.web.wire import Wire
 
@@ -54,6 +55,8 @@ def serve(settings: Settings, make: Callable[[Settings], ASGIApp], ready: Callab
     sys.setswitchinterval(SWITCH_S)
     with held(made(folder_of(settings))), closing(Database(settings.url)) as database, alone(database):
         upgrade(database)
+        if database.file is not None:
+            occupy(database.file.parent)
         if not settings.loopback and not any(t.state() == "valid" for t in listed(database)):
             raise InputError(
                 f"{settings.host} can be reached from elsewhere, and there is no valid token",

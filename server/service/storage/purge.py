@@ -8,7 +8,7 @@ from __future__ import annotations
 import datetime as dt
 import sqlite3
 from collections.abc import Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from daq.errors import LaterError
 from server.service.settings import What
 from server.service.storage.audit import record
 from server.service.storage.database import Database
+from server.service.storage.reserve import released
 from server.service.storage.schema import chunks, edits, events, job_parts, jobs, messages, sessions, streams
 
 ENDED = ("done", "failed", "cancelled")
@@ -94,9 +95,11 @@ def _note(database: Database, what: What, older_days: float, names: Sequence[str
 
 def retain(database: Database, days: Mapping[What, float]) -> None:
     """Remove what is kept for so many days only, and give the space back."""
-    for what, most in days.items():
-        purge(database, what, most)
-    if days:
+    if not days:
+        return
+    with nullcontext() if database.file is None else released(database.file.parent):
+        for what, most in days.items():
+            purge(database, what, most)
         give_back(database)
 
 

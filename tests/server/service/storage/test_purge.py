@@ -8,7 +8,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from server.service.operation.scrub import Scrub, damage_of
 from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database
 from server.service.storage.purge import Purged, give_back, purge, retain, reusable_bytes
+from server.service.storage.reserve import FILE, RESERVE_BYTES, occupy, released
 from server.service.storage.schema import (
     chunks,
     edits,
@@ -37,8 +38,13 @@ from server.service.storage.schema import (
 )
 from tests.daq.faulty_disk import FULL, Disk, available, faulty
 from tests.server.service.postgres import postgres_url
+from tests.server.service.processes import Process
 
 COUNT = 40
+
+
+class Free(NamedTuple):
+    free: int
 
 
 def ago(days: float) -> str:
@@ -225,3 +231,49 @@ def test_on_a_full_disk_the_command_says_in_one_line_what_room_it_needs(
     with pytest.raises(SystemExit) as caught:
         cli.main()
     assert caught.value.code == 0
+
+
+class FullWhileReserved(Disk):
+    """A disk that has no space but for what the reserve holds."""
+
+    def refuses(self, operation: str) -> bool:
+        return (self.folder / FILE).exists() and super().refuses(operation)
+
+
+@pytest.mark.skipif(not available(), reason="SQLite's way to the disk cannot be taken over here")
+@pytest.mark.parametrize("by", ["command", "service"])
+def test_on_a_full_disk_a_purge_uses_the_reserve_and_makes_it_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'fingertwin.db'}")
+    fill(database)
+    database.close()
+    occupy(tmp_path)
+    with faulty(FullWhileReserved(tmp_path.resolve(), fails="write", code=FULL)):
+        if by == "service":
+            retain(database, {"deleted": 30})
+            database.close()
+        else:
+            monkeypatch.setattr("sys.argv", ["fingertwin", "purge", "deleted", "--data", str(tmp_path)])
+            with pytest.raises(SystemExit) as caught:
+                cli.main()
+            assert caught.value.code == 0
+    assert "OLD" not in counts(database)["chunks"]
+    assert (tmp_path / FILE).stat().st_size == RESERVE_BYTES
+    database.close()
+
+
+def test_a_reserve_is_made_by_a_service_alone_and_where_there_is_plenty_of_space(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with released(tmp_path):
+        pass
+    assert not (tmp_path / FILE).exists()
+    monkeypatch.setattr("shutil.disk_usage", lambda _: Free(2 * RESERVE_BYTES))
+    occupy(tmp_path)
+    assert not (tmp_path / FILE).exists()
+    monkeypatch.undo()
+    process = Process(["-m", "server.cli", "serve", "--data", str(tmp_path), "--port", "0"])
+    process.address()
+    process.close()
+    assert (tmp_path / FILE).stat().st_size == RESERVE_BYTES
