@@ -62,7 +62,7 @@ def csv_headers(path: Path, kind: str) -> list[str]:
         fields = next(csv.reader([text]))
     except csv.Error as error:
         raise ReadingsError(f"line 1 of {path.name} is {text[:40]!r} ({error})", wanted) from error
-    if all(_is_number(f) for f in fields):
+    if all(_number(f) is not None for f in fields):
         raise ReadingsError(f"line 1 of {path.name} is {text[:40]!r}", wanted, "Add the header line")
     return fields
 
@@ -168,7 +168,8 @@ def fault(source: ColumnFile, rows_before: int, block: NDArray[np.float64]) -> R
     unsound[:, 1:] |= np.abs(block[:, 1:]) > LARGEST
     row, column = np.argwhere(unsound)[0]
     used = source.columns.used[column]
-    return _bad_number(source, rows_before + int(row) + 1, 0, used, repr(float(block[row, column] / used.factor)))
+    number = float(block[row, column] / used.factor)
+    return _bad_number(source, f"row {rows_before + int(row) + 1}", used, repr(number), number)
 
 
 def _with(first: pa.Table, rest: Iterator[dict[str, Any]]) -> Iterator[pa.Table]:
@@ -215,12 +216,11 @@ def _torn(path: Path, error: Exception) -> ReadingsError:
     )
 
 
-def _is_number(text: str) -> bool:
+def _number(text: str) -> float | None:
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _first_fault(source: ColumnFile, sound: int) -> ReadingsError | None:
@@ -261,8 +261,10 @@ def _first_fault(source: ColumnFile, sound: int) -> ReadingsError | None:
                     )
                 for column in source.columns.used:
                     text = fields[column.index].strip()
-                    if not _is_number(text) or not _is_sound(float(text), column):
-                        return _bad_number(source, row, before + reader.line_num, column, repr(text))
+                    number = _number(text)
+                    if number is None or not _is_sound(number, column):
+                        where = f"row {row} (line {before + reader.line_num})"
+                        return _bad_number(source, where, column, repr(text), number)
         except (EOFError, OSError, zlib.error, csv.Error) as error:
             return _torn(source.path, error)
     return None
@@ -272,9 +274,7 @@ def _is_sound(number: float, column: Column) -> bool:
     return math.isfinite(number) and (column.quantity == "t" or abs(number * column.factor) <= LARGEST)
 
 
-def _bad_number(source: ColumnFile, row: int, line: int, column: Column, value: str) -> ReadingsError:
-    where = f"row {row} (line {line})" if line else f"row {row}"
-    remedy = "Write a decimal point, not a comma" if "," in value else ""
-    text = value.strip("'")
-    expected = TELLABLE if _is_number(text) and math.isfinite(float(text)) else "a finite number"
-    return ReadingsError(f"{source.path.name}: {where}, column {column.header.strip()} is {value}", expected, remedy)
+def _bad_number(source: ColumnFile, where: str, column: Column, found: str, number: float | None) -> ReadingsError:
+    remedy = "Write a decimal point, not a comma" if "," in found else ""
+    expected = "a finite number" if number is None or not math.isfinite(number) else TELLABLE
+    return ReadingsError(f"{source.path.name}: {where}, column {column.header.strip()} is {found}", expected, remedy)
