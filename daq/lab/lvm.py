@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import codecs
+import io
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, Channel, LabChannels
+from daq.units import factor_of
 
 Floats = NDArray[np.float64]
 
+_BEGINS = "LabVIEW Measurement"
+# Bytes in which a file tells that it is one, also as UTF-16.
+LVM_BYTES = 2 * len(_BEGINS) + 2
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _END_OF_HEADER = "***End_of_Header***"
 _LONGEST_LINE = 1 << 20
 _SEGMENT_TAGS = ("Channels", "Samples", "Date", "Time", "Y_Unit_Label", "Y_Dimension", "X_Dimension", "X0", "Delta_X")
+# What must be the same in all segments.
+_UNITS = ("Y_Unit_Label", "X_Unit_Label")
+_REMOVE = "Remove that row, or copy the file again"
 
 
 # To so many seconds are increments written.
@@ -30,10 +41,10 @@ class LvmChannels(LabChannels):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.rounded_to_s = _STEP_S
-        with path.open("rb") as stream:
-            stream.seek(-1, 2)
-            self.cut_off = stream.read(1) != b"\n"
-            stream.seek(0)
+        with path.open("rb") as raw:
+            raw.seek(-2, 2)
+            self.cut_off = not raw.read().strip(b"\x00").endswith(b"\n")
+        with _opened(path) as stream:
             lines = _Lines(stream, path)
             head: dict[str, str] = {}
             self._separator = "\t"
@@ -48,8 +59,13 @@ class LvmChannels(LabChannels):
                 raise self._fault(lines.number, "the header does not end", _END_OF_HEADER)
             self._comma = head.get("Decimal_Separator") == ","
             if self._comma and self._separator == ",":
-                raise self._fault(lines.number, "commas separate numbers and decimals", "a file with Separator Tab")
+                remedy = "Write it again with tabs"
+                raise self._fault(
+                    lines.number, "commas separate numbers and decimals", "a file with Separator Tab", remedy
+                )
+            self._units: dict[str, str] = {}
             tags, self._headings = self._segment(lines, None)
+            self._units = {tag: " ".join(tags[tag]).strip() for tag in _UNITS if tag in tags}
             self.pauses_possible = any(t.split(self._separator)[0].strip() in _SEGMENT_TAGS for t in lines)
         names = [h or f"column {i + 1}" for i, h in enumerate(self._headings)]
         often = Counter(names)
@@ -57,16 +73,19 @@ class LvmChannels(LabChannels):
         # Tags count channels; columns count the time as well, whether its cells are filled or not.
         places = [i for i, h in enumerate(self._headings) if h not in ("X_Value", "Comment")]
         units, steps, starts = (self._cells(tags, t, places) for t in ("Y_Unit_Label", "Delta_X", "X0"))
+        x_unit = next(filter(None, tags.get("X_Unit_Label", [])), "")
+        x_s = factor_of(x_unit or "s", "time")
         x_columns = head.get("X_Columns", "One").lower()
         x_filled = x_columns != "no"
         self._clocks = [i for i, h in enumerate(self._headings) if h == "X_Value"] if x_columns == "multi" else []
         self.channels = tuple(
             Channel(
                 name,
-                units.get(i, ""),
+                x_unit if h == "X_Value" else units.get(i, ""),
                 "",
-                None if steps.get(i) is None else self._number(steps[i]),
-                (self._number(starts[i]) if starts.get(i) else 0.0) or 0.0,
+                # An increment of 0 says that there is none.
+                step if (step := self._seconds(steps.get(i), x_s)) > 0.0 else None,
+                self._seconds(starts.get(i), x_s),
             )
             for i, (name, h) in enumerate(zip(self._names, self._headings, strict=True))
             if h != "Comment" and (h != "X_Value" or x_filled)
@@ -76,7 +95,7 @@ class LvmChannels(LabChannels):
         """Yield the numbers (n, k) of some channels."""
         places = [self._names.index(self.channel(n).name) for n in names]
         rows: list[list[float]] = []
-        with self.path.open("rb") as stream:
+        with _opened(self.path) as stream:
             lines = _Lines(stream, self.path)
             for text in lines:
                 if text.startswith(_END_OF_HEADER):
@@ -102,12 +121,18 @@ class LvmChannels(LabChannels):
             yield np.array(rows)
 
     def _row(self, cells: list[str], places: list[int], lines: _Lines) -> list[float]:
+        # Between commas, a separator of thousands moves all numbers behind it: the last stands where a comment does.
+        own = len(self._headings) - (self._separator == "," and self._headings[-1] == "Comment")
+        if len(cells) > own and any(self._number(cell) is not None for cell in cells[own:]):
+            remedy = "Export it without separators of thousands, or remove that row"
+            raise self._fault(lines.number, f"a number stands in cell {len(cells)}", f"{own} numbers", remedy)
         row = []
         for place in places:
             value = self._number(cells[place]) if place < len(cells) else None
             if value is None:
                 found = repr(cells[place]) if place < len(cells) else "missing"
-                raise self._fault(lines.number, f"{self._names[place]} is {found}", "a finite number")
+                remedy = self._remedy(cells[place]) if place < len(cells) else _REMOVE
+                raise self._fault(lines.number, f"{self._names[place]} is {found}", "a finite number", remedy)
             row.append(value)
         return row
 
@@ -146,6 +171,9 @@ class LvmChannels(LabChannels):
             raise self._fault(lines.number, "a segment has no headings", "its channels' names after its header")
         if first is not None and headings != self._headings:
             raise self._fault(lines.number, "a segment has other channels", ", ".join(self._headings))
+        for tag, stated in self._units.items():
+            if tag in tags and (told := " ".join(tags[tag]).strip()) != stated:
+                raise self._fault(lines.number, f"a segment has {tag} {told}", stated, "Split the file there")
         return tags, headings
 
     @staticmethod
@@ -154,19 +182,49 @@ class LvmChannels(LabChannels):
         cells = ["", *tags.get(tag, [])]
         return {p: cells[p] for p in places if p < len(cells) and cells[p]}
 
+    def _seconds(self, text: str | None, factor: float | None) -> float:
+        """Return a tag's number in seconds; 0 where it states none, or its unit is not one of time."""
+        number = None if text is None else self._number(text)
+        return 0.0 if number is None or factor is None else number * factor
+
+    def _remedy(self, text: str) -> str:
+        if any(mark in text for mark in ".,") and _number(text.replace(",", ".")) is not None:
+            mark = "," if self._comma else "."
+            return f"Its header states Decimal_Separator {mark}: correct it there, or write all numbers so"
+        return _REMOVE
+
     def _number(self, text: str) -> float | None:
         if self._comma:
             if "." in text:
                 return None
             text = text.replace(",", ".")
-        try:
-            value = float(text)
-        except ValueError:
-            return None
-        return value if np.isfinite(value) else None
+        return _number(text)
 
     def _fault(self, line: int, found: str, expected: str, remedy: str = "Copy it again") -> ReadingsError:
         return ReadingsError(f"{self.path.name}, line {line}: {found}", expected, remedy)
+
+
+def is_lvm(start: bytes) -> bool:
+    """Return whether a file begins as LabVIEW's text does."""
+    text = start.decode("utf-16" if start.startswith(_UTF16) else "utf-8-sig", "replace")
+    return text.startswith(_BEGINS)
+
+
+def _opened(path: Path) -> IO[Any]:
+    """Open a file for its lines: as bytes, since each may be in another code page, or as text where it is UTF-16."""
+    stream = path.open("rb")
+    wide = stream.read(2) in _UTF16
+    stream.seek(0)
+    return io.TextIOWrapper(stream, "utf-16", "replace", newline="\n") if wide else stream
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    # Python's own mark between digits is no mark of a recording.
+    return value if math.isfinite(value) and "_" not in text else None
 
 
 class _EndedError(Exception):
@@ -184,15 +242,20 @@ class _Lines:
         return self
 
     def __next__(self) -> str:
-        line: bytes = self._stream.readline(_LONGEST_LINE)
+        line: str | bytes = self._stream.readline(_LONGEST_LINE)
         if not line:
             raise StopIteration
         self.number += 1
         if len(line) == _LONGEST_LINE:
             raise ReadingsError(f"{self._path.name}, line {self.number}: more than a megabyte", "lines of an LVM file")
-        if not line.endswith(b"\n"):
+        text = line if isinstance(line, str) else _decoded(line)
+        if not text.endswith("\n"):
             raise StopIteration
-        try:
-            return line.decode("utf-8-sig").rstrip("\r\n")
-        except UnicodeDecodeError:
-            return line.decode("cp1252", "replace").rstrip("\r\n")  # LabVIEW's own, on Western Windows
+        return text.rstrip("\r\n")
+
+
+def _decoded(line: bytes) -> str:
+    try:
+        return line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return line.decode("cp1252", "replace")  # LabVIEW's own, on Western Windows

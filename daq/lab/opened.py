@@ -8,13 +8,12 @@ from daq.errors import ReadingsError
 from daq.lab.c3d import C3D, C3dChannels
 from daq.lab.channels import LabChannels
 from daq.lab.hdf5 import HDF5, MATLAB_HDF5, Hdf5Channels
-from daq.lab.lvm import LvmChannels
+from daq.lab.lvm import LVM_BYTES, LvmChannels, is_lvm
 from daq.lab.tables import ExcelChannels, ParquetChannels
 from daq.lab.tdms import TDMS, TdmsChannels
 from daq.lab.text import TextChannels
 from daq.recordings.readings import first_bytes
 
-_LVM = b"LabVIEW Measurement"
 OLD_EXCEL = b"\xd0\xcf\x11\xe0"
 # Of files whose readers are C libraries that a hostile file may crash, and of those whose reader makes room for every
 # cell up to one far away: a service does not open them.
@@ -31,10 +30,10 @@ def open_channels(path: str | Path) -> LabChannels:
         ReadingsError: it is none of these, or torn.
     """
     file = Path(path)
-    start = first_bytes(file, 32, "a recording")
+    start = first_bytes(file, LVM_BYTES, "a recording")
     if start[:4] in TDMS:
         return TdmsChannels(file)
-    if start.removeprefix(b"\xef\xbb\xbf").startswith(_LVM):
+    if is_lvm(start):
         return LvmChannels(file)
     if start.startswith(b"PAR1"):
         return ParquetChannels(file)

@@ -53,8 +53,11 @@ def propose_mapping(path: str | Path, calibration: str | None = None, rate_hz: f
     channels = propose_channels(source, doubts)
     if channels is None:
         said = ", ".join(f"{c.name} [{c.fault or c.unit or '?'}]" for c in source.channels[:24])
+        named = {axis_of(c) for c in _sound(source)} - {""}
+        lacks = [axis for axis in AXES if named and axis not in named]
+        none_is = f": none that can be read is {' or '.join(lacks)}" if lacks else ""
         raise ReadingsError(
-            f"the channels of {source.path.name} ({said}) do not tell which is which",
+            f"the channels of {source.path.name} ({said}) do not tell which is which{none_is}",
             f"names such as {' '.join(AXES)}, six in volts, or three units of force and three of torque",
             f"Write {source.path.name}.map.yaml by hand (docs/how-to/read-a-lab-file.md)",
         )

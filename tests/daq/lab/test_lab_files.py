@@ -130,13 +130,68 @@ def test_lvm_segments_go_on_by_their_times_only(tmp_path: Path) -> None:
         list(open_recording(other, gauges(cal, VOLTAGES)).blocks())
 
 
+def test_lvm_segments_in_other_units_are_no_one_recording(tmp_path: Path) -> None:
+    again = ["", "Channels\t6", "Y_Unit_Label" + "\tmV" * 6, "***End_of_Header***"]
+    headings = "X_Value\t" + "\t".join(VOLTAGES) + "\tComment"
+    path = lvm(tmp_path / "a.lvm", [*VOLT_ROWS, *again, headings, "5" + VOLT_ROWS[0]])
+    with pytest.raises(ReadingsError, match=r"a segment has Y_Unit_Label mV mV .*; expected Volts Volts .*Split"):
+        list(open_recording(path, gauges(nano17(tmp_path), VOLTAGES)).blocks())
+
+
+@pytest.mark.parametrize("x_columns", ["One", "No"])
+def test_lvm_states_the_unit_of_its_time(tmp_path: Path, x_columns: str) -> None:
+    path = lvm(tmp_path / "a.lvm", VOLT_ROWS, x_columns=x_columns, delta="1.000")
+    stated = path.read_bytes().replace(b"X_Dimension", b"X_Unit_Label" + b"\tms" * 6 + b"\r\nX_Dimension")
+    path.write_bytes(stated.replace(b"\r\n0.001000", b"\r\n1.000000"))
+    times: list[Taken | Increment] = [Increment(increment_s="file")]
+    if x_columns == "One":
+        times.append(Taken(channel="X_Value", unit="ms"))
+        with pytest.raises(ReadingsError, match="states X_Value in 'ms', its mapping in 's'"):
+            open_recording(path, gauges(nano17(tmp_path), VOLTAGES))
+    for time in times:
+        (block,) = open_recording(path, gauges(nano17(tmp_path), VOLTAGES, time=time)).blocks()
+        assert block.t_s == pytest.approx([0.0, 0.001])
+
+
+@pytest.mark.parametrize("delta", ["0.000", "-0.001"])
+def test_lvm_that_does_not_go_on_by_its_increment_states_none(tmp_path: Path, delta: str) -> None:
+    path = lvm(tmp_path / "a.lvm", VOLT_ROWS, x_columns="No", delta=delta)
+    with pytest.raises(ReadingsError, match="states no increment"):
+        open_recording(path, gauges(nano17(tmp_path), VOLTAGES, time=Increment(increment_s="file")))
+
+
+@pytest.mark.parametrize(("comment", "read"), [(",hung FDP", True), ("", True), (",7", False)])
+def test_lvm_with_a_comma_too_many_is_not_read_as_other_channels(tmp_path: Path, comment: str, read: bool) -> None:
+    path = lvm(tmp_path / "a.lvm", [*VOLT_ROWS, "0.002\t1\t2\t3\t4\t5\t6" + comment])
+    path.write_bytes(path.read_bytes().replace(b"\t", b",").replace(b"Separator,Tab", b"Separator,Comma"))
+    recording = open_recording(path, gauges(nano17(tmp_path), VOLTAGES))
+    if read:
+        assert len(together(list(recording.blocks()))[0]) == 3
+    else:
+        with pytest.raises(ReadingsError, match=r"line 28: a number stands in cell 8; .*separators of thousands"):
+            list(recording.blocks())
+
+
+@pytest.mark.parametrize("cut", [0, 5])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_lvm_that_an_editor_saved_in_unicode(tmp_path: Path, encoding: str, cut: int) -> None:
+    path = lvm(tmp_path / "a.lvm", VOLT_ROWS, encoding=encoding)
+    path.write_bytes(path.read_bytes()[: -cut or None])
+    recording = open_recording(path, gauges(nano17(tmp_path), VOLTAGES))
+    t_s, wrench = together(list(recording.blocks()))
+    assert t_s.tolist() == ([0.0] if cut else [0.0, 0.001])
+    assert wrench[0] == pytest.approx(FROM_VOLTS)
+    assert any("is cut off" in n for n in recording.notes) == bool(cut)
+
+
 @pytest.mark.parametrize(
     ("row", "said"),
     [
+        ("0.002\t1\t2\t3\t4_0\t5\t6", "line 28: Voltage_3 is '4_0'"),
+        ("0.002\t1\t2\t3,5\t4\t5\t6", "line 28: Voltage_2 is '3,5'; .*Decimal_Separator .: correct it there"),
         ("0.002\t1\t2\t3\t4\t5", "line 28: Voltage_5 is missing"),
         ("0.002\t1\t2\t\t4\t5\t6", "line 28: Voltage_2 is ''"),
         ("0.002\t1\t2\tNaN\t4\t5\t6", "line 28: Voltage_2 is 'NaN'"),
-        ("0.002\t1\t2\t3,5\t4\t5\t6", "line 28: Voltage_2 is '3,5'"),
         ("\t1\t2\t3\t4\t5\t6", "line 28: X_Value is ''"),
     ],
 )

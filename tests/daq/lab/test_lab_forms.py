@@ -262,7 +262,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "days apart, or months": (over_midnight("05/06/2026", "07/06/2026"), "dates such as 2024-05-31"),
     "years apart, or days": (over_midnight("05/06/07", "05/07/08"), "whose day and month may be exchanged"),
     "no date": (over_midnight("31/31/2026", "32/31/2026"), "dates such as 2024-05-31"),
-    "two cells": (plain().replace("Fy (N)", "Fx (N)"), "do not tell which is which"),
+    "two cells": (plain().replace("Fy (N)", "Fx (N)"), "do not tell which is which: none that can be read is Fy"),
     "whole seconds": (
         "time,Fx (N),Fy (N),Fz (N),Tx (Nmm),Ty (Nmm),Tz (Nmm)\n"
         + "".join(f"5/31/2024 1:05:{i // 10:02d} PM,{i},0,0,0,0,0\n" for i in range(40)),
