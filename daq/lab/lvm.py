@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, Channel, LabChannels
+from daq.recordings.columns import number_of
 from daq.units import factor_of
 
 Floats = NDArray[np.float64]
@@ -219,12 +220,8 @@ def _opened(path: Path) -> IO[Any]:
 
 
 def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    # Python's own mark between digits is no mark of a recording.
-    return value if math.isfinite(value) and "_" not in text else None
+    value = number_of(text)
+    return value if value is not None and math.isfinite(value) else None
 
 
 class _EndedError(Exception):

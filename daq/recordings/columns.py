@@ -33,6 +33,14 @@ _PATTERN = re.compile(
 )
 
 
+def number_of(text: str) -> float | None:
+    """Return a cell's number, also nan and inf; None of what only Python reads as one, such as `2_1`."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else None
+    except ValueError:
+        return None
+
+
 @dataclass(frozen=True)
 class Column:
     """One column to read: quantity (of QUANTITIES, or status), header, place in the file, factor to s, N, N mm."""

@@ -21,7 +21,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
-from daq.recordings.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, Column, ColumnFile
+from daq.recordings.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, Column, ColumnFile, number_of
 from daq.recordings.parquet_pages import unpacked_bytes
 from daq.recordings.unpacking import Limited
 from daq.vocabulary import LARGEST, TELLABLE
@@ -62,7 +62,7 @@ def csv_headers(path: Path, kind: str) -> list[str]:
         fields = next(csv.reader([text]))
     except csv.Error as error:
         raise ReadingsError(f"line 1 of {path.name} is {text[:40]!r} ({error})", wanted) from error
-    if all(_number(f) is not None for f in fields):
+    if all(number_of(f) is not None for f in fields):
         raise ReadingsError(f"line 1 of {path.name} is {text[:40]!r}", wanted, "Add the header line")
     return fields
 
@@ -216,13 +216,6 @@ def _torn(path: Path, error: Exception) -> ReadingsError:
     )
 
 
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
-
-
 def _first_fault(source: ColumnFile, sound: int) -> ReadingsError | None:
     """Read a CSV file row by row and name the first row that cannot be used.
 
@@ -261,7 +254,7 @@ def _first_fault(source: ColumnFile, sound: int) -> ReadingsError | None:
                     )
                 for column in source.columns.used:
                     text = fields[column.index].strip()
-                    number = _number(text)
+                    number = number_of(text)
                     if number is None or not _is_sound(number, column):
                         where = f"row {row} (line {before + reader.line_num})"
                         return _bad_number(source, where, column, repr(text), number)

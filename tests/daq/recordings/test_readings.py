@@ -141,6 +141,7 @@ BAD_FILES: dict[str, tuple[str, list[str]]] = {
     "unknown unit": (f"{HEADER.replace('Fx_N', 'Fx_V')}\n{ROW}\n", ["'Fx_V' is in 'V'", "not a unit of force"]),
     "torque in newton": (f"{HEADER.replace('Tx_Nmm', 'Tx_N')}\n{ROW}\n", ["'Tx_N'", "not a unit of torque"]),
     "not a number": (f"{HEADER}\n{ROW}\n0.02,1,2,abc,4,5,6\n", ["row 2 (line 3)", "column Fz_N is 'abc'"]),
+    "a number of Python's": (f"{HEADER}\n{ROW}\n0.02,1,2,2_1,4,5,6\n", ["row 2 (line 3)", "column Fz_N is '2_1'"]),
     "nan": (f"{HEADER}\n{ROW}\n0.02,1,nan,3,4,5,6\n", ["row 2 (line 3)", "column Fy_N is 'nan'", "finite"]),
     "more than a cell tells": (
         f"{HEADER}\n{ROW}\n0.02,1,2,3,4,1e200,6\n",
