@@ -6,7 +6,19 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 Six = tuple[float, float, float, float, float, float]
+
+
+# Of full scale: from here on a reading tells no more than that the load is at least so large.
+FULL_SCALE_SHARE = 0.999
+
+
+def at_limit(wrench: NDArray[np.float64], full_scale: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Say which readings (…, 6) are at or beyond full scale (6,)."""
+    return np.asarray(np.abs(wrench) >= FULL_SCALE_SHARE * full_scale)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.cells import at_limit
 from daq.recordings.plateaus import LEAST_READINGS, TOLERANCE, Plateau, reduce_window, smallest_step
 from daq.recordings.readings import HEADERS
 from daq.recordings.windows import Span
@@ -27,7 +28,6 @@ BLOCKS = 48
 GAP_READINGS, GAP_S = 5.0, 0.1
 # As in `fingertwin check`: a change of level that is no chance, and of a size that matters.
 SHIFT_DEVIATIONS, SHIFT_SHARE = 7.0, 0.5
-FULL_SCALE_SHARE = 0.999
 _MOST_READINGS = 400_000
 
 
@@ -82,7 +82,7 @@ class PlateauFinder:
 
     def __init__(self, rules: PlateauRules, full_scale: Floats | None = None) -> None:
         self._rules = rules
-        self._limit = np.full(6, np.inf) if full_scale is None else FULL_SCALE_SHARE * full_scale
+        self._full_scale = np.full(6, np.inf) if full_scale is None else full_scale
         self._held: deque[tuple[Floats, Floats]] = deque()
         self._count = 0
         self._from_s: float | None = None
@@ -109,7 +109,7 @@ class PlateauFinder:
         """Take readings (n,), (n, 6), (n,); return why an offer was withdrawn or readings do not count, else None."""
         if not len(t_s):
             return None
-        lost = self._interrupted(t_s, flagged | (np.abs(wrench) >= self._limit).any(axis=1))
+        lost = self._interrupted(t_s, flagged | at_limit(wrench, self._full_scale).any(axis=1))
         self._held.append((t_s, wrench))
         self._count += len(t_s)
         self._last_s = float(t_s[-1])

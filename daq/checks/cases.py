@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.cells import CellSpec, at_limit
 from daq.checks.description import beyond_weights, case_name
 from daq.findings import Finding, finding
 from daq.measured import MeasuredSession
@@ -30,8 +31,13 @@ _CREEP = 0.01
 TARE_CHANGE = np.array([0.25, 0.25, 0.25, 5.0, 5.0, 5.0])
 
 
-def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau]) -> list[Finding]:
-    """Find windows with a change of load, creep or flagged readings inside."""
+def saturated(plateau: Plateau, spec: CellSpec | None) -> bool:
+    """Say whether a window holds a reading at or beyond the cell's full scale."""
+    return spec is not None and bool(at_limit(plateau.peak, np.array(spec.range)).any())
+
+
+def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau], spec: CellSpec | None) -> list[Finding]:
+    """Find windows with saturated or flagged readings, a change of load or creep inside."""
     users: dict[Span, list[str]] = defaultdict(list)
     for case in session.cases:
         if case.excluded is None:
@@ -49,7 +55,9 @@ def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau]) -> list
     for window in spans:
         plateau, where = plateaus[window], _named(users[window])
         found = _load_change(plateau, noise, where)
-        if found is not None:
+        if spec is not None and saturated(plateau, spec):
+            out.append(_at_limit(plateau, spec, where))
+        elif found is not None:
             out.append(found)
         elif plateau.flagged:
             out.append(
@@ -207,6 +215,18 @@ def _length(plateau: Plateau) -> float:
 def _noise_per_reading(plateaus: Sequence[Plateau]) -> Floats:
     """Return (6,) variance of a mean times the readings in it, as in the quieter windows, which hold no load change."""
     return np.quantile([np.diag(p.covariance) * p.readings for p in plateaus], 0.3, axis=0)
+
+
+def _at_limit(plateau: Plateau, spec: CellSpec, where: str) -> Finding:
+    k = int(np.argmax(plateau.peak / np.array(spec.range)))
+    return finding(
+        "error",
+        "saturated_window",
+        where,
+        f"{AXES[k]} reaches {plateau.peak[k]:g}, and the cell's full scale is {spec.range[k]:g}",
+        "readings inside the cell's range",
+        "Exclude the case, or remove the known weight",
+    )
 
 
 def _load_change(plateau: Plateau, noise: Floats, where: str) -> Finding | None:

@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 
 from daq.cells import CellSpec, cell_spec
-from daq.checks.cases import creep_findings, force_findings, plateau_findings, sign_findings, tare_findings
+from daq.checks.cases import (
+    creep_findings,
+    force_findings,
+    plateau_findings,
+    saturated,
+    sign_findings,
+    tare_findings,
+)
 from daq.checks.description import session_findings
 from daq.checks.recording import RecordingScan, recording_findings, unknown_range
 from daq.checks.weights import weight_findings
@@ -94,7 +101,8 @@ def measure_and_check(
 def warnings_of(measured: MeasuredSession, plateaus: Mapping[Span, Plateau]) -> tuple[Finding, ...]:
     """Return errors and warnings of a session whose recording as a whole is not at hand, only its reduced windows."""
     session = measured.session.amended
-    findings = [*_of_description(session), *plateau_findings(session, plateaus), *_of_measured(measured, {})]
+    windows = plateau_findings(session, plateaus, _spec(session))
+    findings = [*_of_description(session), *windows, *_of_measured(measured, {})]
     return _to_look_at(session, findings)
 
 
@@ -136,11 +144,12 @@ def _of_recording(
     session: Session, scan: RecordingScan, plateaus: Mapping[Span, Plateau], spec: CellSpec | None
 ) -> list[Finding]:
     cell, name = session.load_cell, Path(session.readings or "readings").name
+    apart = bool(plateaus) and not any(saturated(p, spec) for p in plateaus.values())
     return [
-        *recording_findings(scan, name, cell.rate_hz if cell else None, spec),
+        *recording_findings(scan, name, cell.rate_hz if cell else None, spec, apart=apart),
         *([unknown_range()] if spec is None and scan.rows else []),
         *window_findings(session, scan),
-        *plateau_findings(session, plateaus),
+        *plateau_findings(session, plateaus, spec),
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.cells import CellSpec
+from daq.cells import CellSpec, at_limit
 from daq.findings import Finding, finding
 from daq.recordings.gaps import GAP_INTERVALS, Gap, GapFinder
 from daq.recordings.readings import HEADERS, ReadingBlock
@@ -17,7 +17,6 @@ from daq.recordings.readings import HEADERS, ReadingBlock
 Floats = NDArray[np.float64]
 
 AXES = HEADERS[1:]
-FULL_SCALE_SHARE = 0.999
 JUMP_S = 10.0
 # Of the intervals, so many may be wide without a reading missing before the clock is called irregular.
 MOST_LATE = 0.05
@@ -45,7 +44,7 @@ class RecordingScan:
     least: Floats = field(default_factory=lambda: np.full(6, np.inf))
     most: Floats = field(default_factory=lambda: np.full(6, -np.inf))
     saturated: Floats = field(default_factory=lambda: np.zeros(6))
-    saturated_s: list[float] = field(default_factory=list)
+    saturated_s: float = np.nan
     unchanged: Floats = field(default_factory=lambda: np.zeros(6))
     run: Floats = field(default_factory=lambda: np.ones(6))
     longest: Floats = field(default_factory=lambda: np.ones(6))
@@ -74,11 +73,10 @@ class RecordingScan:
         self.least = np.minimum(self.least, w.min(axis=0))
         self.most = np.maximum(self.most, w.max(axis=0))
         if self.range is not None:
-            over = np.abs(w) >= FULL_SCALE_SHARE * self.range
-            if over.any():
-                self.saturated += over.sum(axis=0)
-                room = _MOST_KEPT - len(self.saturated_s)
-                self.saturated_s += t[over.any(axis=1)][:room].tolist()
+            over = at_limit(w, self.range)
+            if over.any() and not self.saturated.any():
+                self.saturated_s = float(t[np.argmax(over.any(axis=1))])
+            self.saturated += over.sum(axis=0)
         self._runs(t, w)
         if block.status is not None and block.status.any():
             at = np.flatnonzero(block.status)
@@ -146,7 +144,9 @@ def unknown_range() -> Finding:
     )
 
 
-def recording_findings(scan: RecordingScan, file: str, rate_hz: float | None, spec: CellSpec | None) -> list[Finding]:
+def recording_findings(
+    scan: RecordingScan, file: str, rate_hz: float | None, spec: CellSpec | None, *, apart: bool = False
+) -> list[Finding]:
     """Judge a scan.
 
     Args:
@@ -154,6 +154,7 @@ def recording_findings(scan: RecordingScan, file: str, rate_hz: float | None, sp
         file: name of the readings.
         rate_hz: that the session states.
         spec: of the cell, None where it is not known.
+        apart: whether all saturated readings lie outside the windows, and so enter no force.
     """
     out: list[Finding] = []
     if not scan.rows:
@@ -164,13 +165,15 @@ def recording_findings(scan: RecordingScan, file: str, rate_hz: float | None, sp
         unit = "N" if k < 3 else "N mm"
         out.append(
             finding(
-                "error",
+                "warning" if apart else "error",
                 "saturation",
                 f"{file}: {AXES[k]}",
                 f"{int(scan.saturated[k])} readings at or beyond full scale ({spec.range[k]:g} {unit}, {spec.name}), "
-                f"the first at {scan.saturated_s[0]:.6g} s",
+                f"the first at {scan.saturated_s:.6g} s" + (", none of them in a window" if apart else ""),
                 "readings inside the cell's range",
-                "Exclude the cases there, or use a cell with a larger range",
+                "Compare known weights before and after: an overload can damage the cell"
+                if apart
+                else "Exclude the cases there, or use a cell with a larger range",
             )
         )
     out += _stuck(scan, file)

@@ -1,4 +1,4 @@
-"""Look at where the windows lie: overlaps, gaps and saturation inside them, tares that have outlived their posture."""
+"""Look at where the windows lie: overlaps, gaps inside them, tares that have outlived their posture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENDS_A_TARE = ("set_posture", "move_cell", "retie", "slip")
 
 
 def window_findings(session: Session, scan: RecordingScan) -> list[Finding]:
-    """Find windows that hold a gap or saturated readings."""
+    """Find windows that hold a gap."""
     out = []
     for case in session.cases:
         if case.excluded is not None:
@@ -34,18 +34,6 @@ def window_findings(session: Session, scan: RecordingScan) -> list[Finding]:
                         f"no readings from {gap[0]:.6g} to {gap[1]:.6g} s",
                         "a window without a gap",
                         "Move the window",
-                    )
-                )
-            count = sum(window[0] <= t <= window[1] for t in scan.saturated_s)
-            if count:
-                out.append(
-                    finding(
-                        "error",
-                        "saturated_window",
-                        where,
-                        f"{count} readings at or beyond the cell's full scale",
-                        "readings inside the cell's range",
-                        "Exclude the case",
                     )
                 )
     return out

@@ -38,6 +38,7 @@ class Plateau:
         halves: (6,) mean of the second half less that of the first; halves_sd: its standard uncertainty.
         shift: (6,) change of level at the moment within the window that explains most of the scatter.
         shift_gain: (6,) sum of squares that this change explains; line_gain: that the creep explains.
+        peak: (6,) largest magnitude of a reading.
         step: (6,) smallest step between values, 0 where none was seen.
         flagged: readings with a status flag.
         steady: True where a change beyond the tolerance is ruled out, False where it is shown or readings are flagged,
@@ -58,6 +59,7 @@ class Plateau:
     shift: Floats
     shift_gain: Floats
     line_gain: Floats
+    peak: Floats
     step: Floats
     flagged: int
     steady: bool | None
@@ -148,6 +150,7 @@ def reduce_window(t_s: Floats, wrench: Floats, flagged: int = 0, tolerance: Floa
         shift=shift,
         shift_gain=shift_gain,
         line_gain=line_gain,
+        peak=np.abs(y).max(axis=1),
         step=step,
         flagged=flagged,
         steady=False if flagged else steady,

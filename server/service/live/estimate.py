@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 
 from daq.bench.forces import Forces, Predict
-from daq.bench.plateau_finder import FULL_SCALE_SHARE, PlateauFinder, PlateauRules
+from daq.bench.plateau_finder import PlateauFinder, PlateauRules
 from daq.bench.record import STARTED, BenchSetup
-from daq.cells import cell_spec
+from daq.cells import FULL_SCALE_SHARE, cell_spec
 from daq.journal.rows import Event
 from daq.recordings.plateaus import LEAST_READINGS, Plateau, reduce_window
 from daq.recordings.windows import Span

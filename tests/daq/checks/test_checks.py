@@ -87,6 +87,21 @@ def clip(_: dict[str, Any], b: ReadingBlock) -> None:
     b.wrench[:, 1] = np.where(b.wrench[:, 1] < -3.0, -25.0, b.wrench[:, 1])
 
 
+def saturated(segment: int, **values: Any) -> Change:
+    """One channel at its limit for a segment of the recording; and change its case."""
+
+    def change(data: dict[str, Any], b: ReadingBlock) -> None:
+        start, end = window(segment)
+        b.wrench[(b.t_s >= start) & (b.t_s <= end), 0] = 25.0
+        data["cases"][segment // 2 % 4].update(values)
+
+    return change
+
+
+def bumped(_: dict[str, Any], b: ReadingBlock) -> None:
+    b.wrench[:20, 0] = 25.0
+
+
 def poison(_: dict[str, Any], b: ReadingBlock) -> None:
     b.wrench[900, 3] = np.nan
 
@@ -178,6 +193,10 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "rate": (lambda d, _: d["load_cell"].update(rate_hz=125), "warning", "sample_rate"),
     "saturation": (clip, "error", "saturation"),
     "saturated window": (clip, "error", "saturated_window"),
+    "saturated tare": (saturated(0), "error", "saturated_window"),
+    "saturated known weight": (saturated(9), "error", "saturated_window"),
+    "saturated case that is left out": (saturated(1, excluded="saturated"), "warning", "saturation"),
+    "saturation apart from windows": (bumped, "warning", "saturation"),
     "posture set since": (top(events=[{"t_s": 4.1, "kind": "set_posture"}]), "warning", "stale_tare"),
     "tare of two postures": (case(1, unloaded_s=window(0)), "warning", "stale_tare"),
     "constant": (constant, "error", "constant_channel"),
