@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.acquisition.blocks import Chunk
-from daq.bench.forces import Forces, Predict, Result, zero_moved
+from daq.bench.forces import Forces, Predict, Result, stands_still, still_share, zero_moved
 from daq.bench.plateau_finder import Offer, PlateauFinder, PlateauRules
 from daq.bench.record import STARTED, BenchRecord, BenchSetup
 from daq.bench.standing import Standing
@@ -26,14 +27,16 @@ from daq.sessions.protocols import PlannedCase
 Events = tuple[Event, ...]
 Phase = Literal["idle", "unloaded", "loaded"]
 _WARNINGS = 5
+_TOO_MUCH = "take off what presses on the cell, or it may be damaged"
 
 
 @dataclass(eq=False)
 class TareInForce:
-    """A tare, and the cases that were measured against it."""
+    """A tare, its readings as they varied, and the cases that were measured against it."""
 
     window_s: Span
     plateau: Plateau
+    still: NDArray[np.float64]
     cases: list[str] = field(default_factory=list)
 
 
@@ -80,6 +83,8 @@ class BenchEngine:
         self._last: Result | None = None
         self._broke_off_s: float | None = None
         self._warnings: deque[str] = deque(maxlen=_WARNINGS)
+        # What interrupted the present phase, of which was warned.
+        self._told: set[str] = set()
         self._out: list[Event] = []
 
     def resume(self, past: Iterable[Event], plateaus: Mapping[Span, Plateau], broke_off_s: float, at_s: float) -> None:
@@ -123,6 +128,7 @@ class BenchEngine:
         self._require_open()
         step = self._at.steps.now
         self._phase, self._tare_asked, self._live = phase, False, None
+        self._told.clear()
         self._finder.restart(self._now_s)
         if phase == "unloaded":
             self._hanging = None
@@ -137,6 +143,9 @@ class BenchEngine:
     def _offer(self, offer: Offer) -> None:
         step = self._at.steps.now
         self._emit("plateau_found", state=self._phase, window_s=list(offer.window_s))
+        if self._phase == "loaded" and self._tare is not None:
+            _, wrench = self._finder.readings(offer.window_s)
+            self._warn("still", [stands_still(self._tare.still, still_share(wrench), len(wrench))])
         if self._phase == "unloaded" and self._tare_asked:
             self._confirm(offer)
         elif self._phase == "loaded" and step is not None and step.case is not None and self._tare is not None:
@@ -151,7 +160,7 @@ class BenchEngine:
         self._forces.keep(offer.window_s, plateau)
         step = self._at.steps.now
         if self._phase == "unloaded":
-            self._take_tare(offer.window_s, plateau)
+            self._take_tare(offer.window_s, plateau, still_share(wrench))
         elif step is not None and self._tare is not None:
             if step.case is None:
                 self._take_weight(step, self._tare, offer.window_s)
@@ -164,14 +173,18 @@ class BenchEngine:
         if before is not None:
             self._live = None
             self._emit("plateau_lost", state=self._phase, window_s=list(before.window_s), why=why)
-        if not self._warnings or why not in self._warnings[-1]:
-            self._warn("not_steady", [f"{why} at {self._now_s:.1f} s while {self._phase}: has something slipped?"])
+        over = why == self._finder.overloaded
+        code, ask = ("overload", _TOO_MUCH) if over else ("not_steady", "has something slipped?")
+        # Of what goes on, once; which channels are at their limit may change with every reading.
+        if (what := code if over else why) not in self._told:
+            self._told.add(what)
+            self._warn(code, [f"{why} at {self._now_s:.1f} s while {self._phase}: {ask}"])
 
-    def _take_tare(self, window_s: Span, plateau: Plateau) -> None:
+    def _take_tare(self, window_s: Span, plateau: Plateau, still: NDArray[np.float64]) -> None:
         before = self._tare
         brackets = [] if before is None else list(before.cases)
         self._emit("tare", window_s=list(window_s), brackets=brackets, **self._at.place)
-        self._tare = TareInForce(window_s, plateau)
+        self._tare = TareInForce(window_s, plateau, still)
         if before is not None:
             self._warn("zero_moved", [zero_moved(before.plateau, plateau)])
         self._say_measured(brackets)

@@ -41,6 +41,8 @@ class Likens(Protocol):
 COVERAGE = 2.0
 # No finger multiplies its weights: as in `fingertwin check`.
 MOST_SHARE, MOST_MORE_N = 1.5, 0.5
+# How likely a channel may stand still by chance before it is remarked.
+_NO_CHANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +185,27 @@ def zero_moved(before: Plateau, after: Plateau) -> str:
     return (
         f"the zero of {AXES[k][:2]} has moved by {change[k]:+.2g} {unit} since the last tare: drift, slip, or a load?"
     )
+
+
+def still_share(wrench: Floats) -> Floats:
+    """Return of each channel (6,) which share of its readings (n, 6) is the same as the one before."""
+    return np.asarray((np.diff(wrench, axis=0) == 0.0).mean(axis=0)) if len(wrench) > 1 else np.ones(6)
+
+
+def stands_still(tare: Floats, loaded: Floats, readings: int) -> str:
+    """Say which channels (6,) keep one number throughout, which they hardly do by chance: in the tare they changed.
+
+    Args:
+        tare: share of its readings that are the same as the one before.
+        loaded: the same under load.
+        readings: under load.
+    """
+    chance = tare ** max(readings - 1, 1)
+    still = [AXES[k][:2] for k in np.flatnonzero((loaded == 1.0) & (chance < _NO_CHANCE))]
+    if not still:
+        return ""
+    stand = "stands" if len(still) == 1 else "stand"
+    return f"{' and '.join(still)} {stand} still, and did not in the tare: a channel at its limit, or a broken wire?"
 
 
 def _plain(values: Floats) -> list[float]:

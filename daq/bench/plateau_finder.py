@@ -29,6 +29,8 @@ GAP_READINGS, GAP_S = 5.0, 0.1
 # As in `fingertwin check`: a change of level that is no chance, and of a size that matters.
 SHIFT_DEVIATIONS, SHIFT_SHARE = 7.0, 0.5
 _MOST_READINGS = 400_000
+# Where the readings themselves do not tell which channel it is.
+_OVERLOAD = "overload or a status flag"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,7 @@ class PlateauFinder:
     Attributes:
         offer: what was found and still holds.
         reason: why nothing is found, for the user.
+        overloaded: what was at its limit among the readings taken last; nothing where nothing was.
     """
 
     def __init__(self, rules: PlateauRules, full_scale: Floats | None = None) -> None:
@@ -91,6 +94,7 @@ class PlateauFinder:
         self._looked_s = -np.inf
         self.offer: Offer | None = None
         self.reason = ""
+        self.overloaded = ""
 
     @property
     def interval_s(self) -> float:
@@ -109,7 +113,10 @@ class PlateauFinder:
         """Take readings (n,), (n, 6), (n,); return why an offer was withdrawn or readings do not count, else None."""
         if not len(t_s):
             return None
-        lost = self._interrupted(t_s, flagged | at_limit(wrench, self._full_scale).any(axis=1))
+        over = at_limit(wrench, self._full_scale)
+        axes = [HEADERS[1 + k][:2] for k in np.flatnonzero(over.any(axis=0))]
+        self.overloaded = f"overload of {', '.join(axes)}" if axes else _OVERLOAD if flagged.any() else ""
+        lost = self._interrupted(t_s, flagged | over.any(axis=1))
         self._held.append((t_s, wrench))
         self._count += len(t_s)
         self._last_s = float(t_s[-1])
@@ -145,7 +152,7 @@ class PlateauFinder:
             at, why = float(t_s[gaps[-1]]), f"no readings for {abs(steps[gaps[-1]]):.2g} s"
         if flagged.any():
             over = float(t_s[np.flatnonzero(flagged)[-1]]) + self._rules.guard_s
-            at, why = max(over, at or over), "overload or a status flag"
+            at, why = max(over, at or over), self.overloaded
         if self._from_s is None or at is None or at <= self._from_s:
             return None
         self._from_s, self.reason = at, why

@@ -33,6 +33,16 @@ _WARNINGS: Mapping[str, tuple[str, str, frozenset[str]]] = {
         "Leave it alone and wait. If something slipped, mark it slipped, and tare.",
         _CHANGES_LOAD | {"plateau_found", "case_taken"},
     ),
+    "overload": (
+        "A channel is at its limit",
+        "Take weight off: the cell can be damaged. Then tare, and look at the known weight again.",
+        _CHANGES_LOAD | {"plateau_found", "case_taken"},
+    ),
+    "still": (
+        "A channel stands still",
+        "Look at its cable and its amplifier before you confirm.",
+        _CHANGES_LOAD | {"plateau_found", "plateau_lost", "excluded"},
+    ),
     "zero_moved": (
         "The zero has moved",
         "Take everything off and tare again; if it moves again, look at clamp and cable.",

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from daq.acquisition.blocks import Chunk
 from daq.bench.plateau_finder import PlateauFinder, PlateauRules
 from daq.bench.record import BenchRecord
 from daq.bench.run import BenchRun
 from daq.errors import InputError
+from daq.journal.rows import Event
 from daq.sessions.models import LoadCase
 from daq.sessions.protocols import Timing
 from daq.standins.simulated import SimulatedCell
@@ -23,6 +25,7 @@ from tests.daq.bench_plays import (
     Bench,
     Line,
     case,
+    hung,
     load,
     predicted,
     setup,
@@ -131,6 +134,36 @@ def test_overload_keeps_readings_out_of_every_window() -> None:
     assert start > hit + 0.3 + 1.4
     assert end > start + 2.0
     assert "overload" in played.run.status().warnings[0]
+
+
+def test_an_overload_names_its_channels_once_for_each_mark() -> None:
+    one, two = np.array([0.0, -40.0, 0.0, 0.0, 0.0, 0.0]), np.array([40.0, -40.0, 0.0, 0.0, 0.0, 0.0])
+    hit: list[Line] = ["loaded", wait(1.0), load(one), wait(1.0), load(two), wait(1.0), load(one), wait(1.0)]
+    played = bench().play([*BEGUN, *hit, load(FDP), wait(1.0), *hit])
+    said = [w["text"] for w in played.values("warning") if w["code"] == "overload"]
+    assert [text.split(" at ")[0] for text in said] == ["overload of Fy"] * 2
+    assert all("while loaded: take off what presses on the cell" in text for text in said)
+
+
+@pytest.mark.parametrize(("resolution_N", "remarked"), [(0.0, True), (2.0, False)])
+def test_a_channel_that_stands_still_under_load_and_did_not_in_the_tare_is_remarked(
+    resolution_N: float, remarked: bool
+) -> None:
+    """A channel at a limit that nobody told us has no noise; one of a coarse cell had none in the tare either."""
+    played = bench()
+    take = played.run.take
+
+    def spoiled(chunk: Chunk) -> tuple[Event, ...]:
+        wrench = chunk.wrench.copy()
+        wrench[:, 1] = np.maximum(wrench[:, 1], -1.5)
+        if resolution_N:
+            wrench[:, 1] = resolution_N * np.round(wrench[:, 1] / resolution_N)
+        return take(replace(chunk, wrench=wrench))
+
+    played.run.take = spoiled  # type: ignore[method-assign]
+    played.play([*BEGUN, *hung(FDP)])
+    assert len(played.values("case_taken")) == 1
+    assert ("Fy stands still" in played.warnings()) == remarked
 
 
 def test_a_status_flag_withdraws_an_offer() -> None:

@@ -82,6 +82,11 @@ def test_a_warning_stands_until_its_cause_is_gone_and_says_what_to_do(played: Pl
     assert (warning["code"], warning["title"]) == ("doubtful_force", "The force can hardly be right")
     assert "wrong weight" in warning["text"]
     assert "Leave it on and look" in warning["to_do"]
+    hard = stands(played, "loaded", load(truth("tip", {"FDP": 950.0}) * 15.0), wait(1.0))
+    (over,) = hard["warnings"]
+    assert (over["code"], over["title"]) == ("overload", "A channel is at its limit")
+    assert "overload of Fy" in over["text"]
+    assert "Take weight off" in over["to_do"]
     righted = stands(played, load(truth("tip", {"FDP": 950.0})), wait(0.3), "loaded", wait(5.0))
     assert righted["warnings"] == []
     moved = stands(played, "confirm", load(np.full(6, 0.4)), wait(0.3), "tare", wait(5.0))
