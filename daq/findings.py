@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
@@ -36,6 +36,13 @@ class Finding:
 def finding(level: Level, code: str, where: str, found: str, expected: str = "", remedy: str = "") -> Finding:
     """Make a finding whose text is built like that of an error."""
     return Finding(level, code, where, str(InputError(found, expected, remedy)))
+
+
+def warnings_by_session(found: Sequence[tuple[str, Sequence[Finding]]]) -> list[dict[str, str]]:
+    """Return the warnings of sessions by their id; of several, each place begins with it."""
+    several = len(found) > 1
+    warned = [(name, finding.as_warning()) for name, findings in found for finding in findings]
+    return [w | {"place": f"{name}: {w['place']}"} if several else w for name, w in warned]
 
 
 @dataclass(frozen=True)

@@ -132,9 +132,14 @@ def friction(sessions: Sequence[MeasuredSession]) -> FrictionResult:
         notes.append("one specimen: the interval is that of its cases and says nothing of other specimens")
     if pooled.above_one:
         notes.append(f"c > 1 in {pooled.above_one} of {pooled.n} cases, which friction cannot explain")
+    band = band_mean(both)
+    if band is not None and band.high is not None and band.high < 0.0:
+        notes.append("c is less on unloading than on loading, as friction never has it: were the directions exchanged?")
     apart = {d: [c for c in cases if c.direction == d] for d in DIRECTIONS}
     mixed = len(apart["loading"]) < len(cases)
-    if mixed:
+    if len(apart["unloading"]) == len(cases):
+        notes.append("all cases are on unloading, where friction adds to the weights: c is too large by that")
+    elif mixed:
         counts = ", ".join(f"{len(of)} {d}" for d, of in apart.items() if of)
         notes.append(f"the means take all directions together: {counts}")
     factors = np.array([c.factor for c in cases])
@@ -146,7 +151,7 @@ def friction(sessions: Sequence[MeasuredSession]) -> FrictionResult:
         sd_population=float(factors.std()),
         directions=tuple(_mean(d, _by_specimen(of)) for d, of in apart.items() if of and mixed),
         bands=tuple(both),
-        band=band_mean(both),
+        band=band,
         unpaired=tuple(unpaired),
         notes=tuple(notes),
     )

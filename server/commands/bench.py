@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from daq.checks import measure_and_check
+from daq.findings import warnings_by_session
 from daq.sessions import read_session
-from daq.signals.corrections import measure
 from daq.signals.friction import friction
 from server.application.checking import check_whole
 from server.commands.console import answer, progress, say, table
@@ -34,10 +35,14 @@ def check_session(session: str, json: str | None) -> int:
 def friction_of(sessions: list[str], json: str | None) -> None:
     """Balance forces at tip and bone over sessions."""
     with progress("Reading"):
-        result = friction([measure(read_session(s)) for s in sessions])
-    body = result.as_dict()
+        checked = [measure_and_check(read_session(s)) for s in sessions]
+        result = friction([measured for measured, _ in checked])
+    warnings = warnings_by_session([(m.session.id, found) for m, found in checked])
+    body = result.as_dict() | {"warnings": warnings}
     if answer("friction", {k: v for k, v in body.items() if k != "schema"}, json):
         return
+    for warning in warnings:
+        say(f"Warning: {warning['place']}: {warning['words']}")
     # Sessions that only know loading need no word about it.
     told = bool(result.directions)
     table(

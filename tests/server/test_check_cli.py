@@ -185,6 +185,17 @@ def test_friction_of_the_published_specimens() -> None:
     assert "0.8348" in run("friction", *SPECIMENS).out
 
 
+def test_friction_says_first_what_the_check_warns_of(tmp_path: Path) -> None:
+    """The norm of a balance is the same where every force has the other sign, and so is the factor."""
+    turned = altered(tmp_path, every_case(lambda c: c.update(force_N=[-f for f in c["force_N"]])))
+    answer = run("friction", turned)
+    assert answer.out.startswith("Warning: load_cell.mounts.tip: FDP alone pushes the tip towards proximal")
+    body = run("friction", H01, turned, "--json", "-").body("friction")
+    assert [w["code"] for w in body["warnings"]].count("wrong_sign") == 3
+    assert {w["place"].split(": ")[0] for w in body["warnings"] if w["code"] == "wrong_sign"} == {"synek2019_H01"}
+    assert run("friction", H01, "--json", "-").body("friction")["warnings"] == []
+
+
 def test_friction_without_a_pair(tmp_path: Path) -> None:
     refused("friction", altered(tmp_path, kept(lambda c: c["location"] == "tip")), saying=H01)
 

@@ -9,6 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 
 from daq.errors import InputError
+from daq.findings import warnings_by_session
 from daq.signals.friction import friction as balance
 from fingermodel.predicting import Predictor
 from fingermodel.predicting import predict as evaluate
@@ -71,10 +72,12 @@ def friction(
 ) -> JsonAnswer:
     """Find the friction factor by force balance (Synek et al. 2019, Eq 1): per case, specimen and pooled."""
     parts = of(request)
-    found = []
+    found, warned = [], []
     for name in dict.fromkeys(session):
         measured = parts.measuring.of(name)
         if not measured.record.closed:
             raise ProblemError(409, f"session {name} is still running", "a session that its bench has closed")
         found.append(measured.require())
-    return JsonAnswer({"schema": "fingertwin/friction/1"} | balance(found).as_dict())
+        warned.append((name, measured.findings))
+    body = balance(found).as_dict() | {"warnings": warnings_by_session(warned)}
+    return JsonAnswer({"schema": "fingertwin/friction/1"} | body)

@@ -185,6 +185,22 @@ def test_a_band_is_as_uncertain_as_its_readings_and_clustered_by_specimen() -> N
     assert mean.sem == pytest.approx(np.std([0.02, 0.03, 0.04], ddof=1) / np.sqrt(3))
 
 
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_friction_that_would_help_the_weights_on_loading_is_remarked(exchanged: bool) -> None:
+    measured = []
+    for k, ways in enumerate([(0.80, 0.84), (0.80, 0.86), (0.82, 0.90)]):
+        found = both_ways(*(ways[::-1] if exchanged else ways))
+        specimen = found.session.specimen.model_copy(update={"id": f"P{k}"})
+        measured.append(replace(found, session=found.session.model_copy(update={"specimen": specimen})))
+    assert any("directions exchanged?" in note for note in friction(measured).notes) == exchanged
+
+
+def test_unloading_alone_overstates_the_factor_and_that_is_said() -> None:
+    alone = friction([pair(0.9, direction="unloading")])
+    assert any("c is too large" in note for note in alone.notes)
+    assert not any("c is too large" in note for note in friction([both_ways(0.8, 0.9)]).notes)
+
+
 def test_nothing_to_pair() -> None:
     session = pair(0.8).session
     alone = measure(session.model_copy(update={"cases": session.cases[:1]}))

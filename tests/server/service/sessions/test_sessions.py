@@ -51,6 +51,15 @@ def test_a_comparison_is_that_of_the_command_line_to_the_last_bit(service: Servi
     assert answer["provenance"]["model"] == "an1979_middle" if name == RECORDED else "synek2019_initial"
 
 
+def test_friction_carries_what_the_check_warns_of(fresh: ServiceReceiver) -> None:
+    document = document_of(PUBLISHED) | {"id": "turned"}
+    for case in document["cases"]:
+        case["force_N"] = [-f for f in case["force_N"]]
+    fresh.client().post(AT, json={"id": "turned", "document": document}).raise_for_status()
+    answer = fresh.client().get("/api/v1/friction", params={"session": "turned"}).json()
+    assert "wrong_sign" in {w["code"] for w in answer["warnings"]}
+
+
 def test_a_comparison_that_the_client_has_is_not_sent_again(service: ServiceReceiver) -> None:
     path = f"{AT}/{RECORDED}/comparison"
     first = service.client().get(path)
