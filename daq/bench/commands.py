@@ -38,6 +38,17 @@ def perform_line(run: BenchRun, line: str) -> Events:
     return perform(run, command, argument)
 
 
+def _alone(do: Callable[[BenchRun], Events]) -> Callable[[BenchRun, str], Events]:
+    """Refuse a word that would be passed over, such as a posture that is not the present step's."""
+
+    def done(run: BenchRun, argument: str) -> Events:
+        if argument:
+            raise SessionError(f"{argument!r} behind {do.__name__}", f"{do.__name__} alone", "A note takes a text")
+        return do(run)
+
+    return done
+
+
 def _exclude(run: BenchRun, argument: str) -> Events:
     first, _, rest = argument.partition(" ")
     return run.exclude(rest, first) if first in run.record.cases else run.exclude(argument)
@@ -56,21 +67,21 @@ def _known_weight(run: BenchRun, argument: str) -> Events:
 
 
 _COMMANDS: Mapping[str, Callable[[BenchRun, str], Events]] = {
-    "tare": lambda run, _: run.tare(),
-    "unloaded": lambda run, _: run.unloaded(),
-    "loaded": lambda run, _: run.loaded(),
-    "confirm": lambda run, _: run.confirm(),
-    "next": lambda run, _: run.next(),
+    "tare": _alone(BenchRun.tare),
+    "unloaded": _alone(BenchRun.unloaded),
+    "loaded": _alone(BenchRun.loaded),
+    "confirm": _alone(BenchRun.confirm),
+    "next": _alone(BenchRun.next),
     "repeat": BenchRun.repeat,
     "exclude": _exclude,
     "known_weight": _known_weight,
-    "posture_set": lambda run, _: run.posture_set(),
-    "cell_moved": lambda run, _: run.cell_moved(),
+    "posture_set": _alone(BenchRun.posture_set),
+    "cell_moved": _alone(BenchRun.cell_moved),
     "retied": BenchRun.retied,
     "slipped": BenchRun.slipped,
-    "moistened": lambda run, _: run.moistened(),
+    "moistened": _alone(BenchRun.moistened),
     "note": BenchRun.note,
-    "close": lambda run, _: run.close(),
+    "close": _alone(BenchRun.close),
 }
 
 COMMANDS = tuple(_COMMANDS)

@@ -17,6 +17,8 @@ from daq.measured import MeasuredCheck
 GAIN_LIMIT = 0.02
 CROSSTALK_LIMIT = 0.03
 CHANGE_LIMIT = 0.01
+# With less than a tenth of a weight, its direction says nothing.
+_ABSENT = 0.1
 _NAMES = "xyz"
 
 
@@ -80,7 +82,18 @@ def weight_findings(checks: Sequence[MeasuredCheck]) -> tuple[list[Finding], lis
         strongest = int(np.argmax(np.abs(r.expected_N)))
         wanted = f"{'-' if r.expected_N[strongest] < 0 else '+'}{_NAMES[strongest]}"
         slanted = np.sort(np.abs(r.expected_N))[-2] > 0.7 * abs(r.expected_N[strongest])
-        if r.gain < -0.5:
+        if np.hypot(r.gain, r.crosstalk) < _ABSENT + 3.0 * np.hypot(r.gain_sd, r.crosstalk_sd):
+            out.append(
+                finding(
+                    "error",
+                    "weight_absent",
+                    where,
+                    f"the cell reads {100.0 * np.hypot(r.gain, r.crosstalk):.1f} % of the weight",
+                    "all of it",
+                    "Did it hang on the cell while it was read? If so, check the units",
+                )
+            )
+        elif r.gain < -0.5:
             out.append(
                 finding(
                     "error",

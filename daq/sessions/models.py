@@ -218,7 +218,7 @@ class KnownWeight(Strict):
 
     when: Annotated[Literal["before", "during", "after"], one_of("before", "during", "after")]
     mount: Annotated[Location, one_of(*LOCATIONS)]
-    mass_g: Annotated[float, within(0.0, 1e6, "a mass in g above zero")]
+    mass_g: Annotated[float, within(0.0, 1e6, "a mass in g above zero, and below a ton")]
     direction: Direction
     unloaded_s: Window
     loaded_s: Window

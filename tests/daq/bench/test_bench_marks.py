@@ -6,6 +6,7 @@ import pytest
 
 from tests.daq.bench_lines import BEGUN, bench, refused
 from tests.daq.bench_plays import (
+    NOTHING,
     WEIGHT,
     Line,
     case,
@@ -33,6 +34,15 @@ def test_a_known_weight_tells_a_wrong_sign_or_gain() -> None:
     assert "Turn the sign" in played.warnings()
     played = bench().play([*tared(), *hung(1.1 * WEIGHT)])
     assert "calibration" in played.warnings()
+    played = bench().play([*tared(), *hung(NOTHING)])
+    assert "Did it hang on the cell" in played.warnings()
+    assert "rotation" not in played.warnings()
+
+
+@pytest.mark.parametrize("line", ["posture_set relaxed", "tare 5", "next c003", "close now"])
+def test_a_word_that_would_be_passed_over_is_refused(line: str) -> None:
+    command, _, _ = line.partition(" ")
+    assert f"expected {command} alone" in refused(bench(), line)
 
 
 def test_a_known_weight_is_described_when_it_is_not_known_and_put_in_between() -> None:
