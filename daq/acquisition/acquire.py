@@ -23,7 +23,7 @@ from daq.acquisition.sample_clock import LOST_S, SampleClock
 from daq.acquisition.stream_gaps import StreamGaps, Told
 from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples
 from daq.drivers.looks import looks_like
-from daq.errors import DriverError, LinkLostError
+from daq.errors import DriverError, InputError, LinkLostError
 
 CHUNK_S = 0.1
 # Longer silence is one; then a new connection is tried.
@@ -198,8 +198,10 @@ class Acquisition:
             except LinkLostError as error:
                 self._close_chunk(gathered)
                 return str(error)
-            except EOFError:
+            except (EOFError, InputError) as error:
+                # Of a recording that cannot be read on, what was read is kept.
                 self._close_chunk(gathered)
+                self._failure = error if isinstance(error, InputError) else None
                 return None
             now = self._now()
             if data:
@@ -210,7 +212,7 @@ class Acquisition:
                     gathered.events.append(self._event("stale", ended=True))
                     silent = False
                 self._take(data, decoder, gathered, now if recorded is None else recorded.arrival_s + self._from_s)
-            elif now - heard_s > GIVEN_UP_S + self._stale_s:
+            elif self.cell.link != "file" and now - heard_s > GIVEN_UP_S + self._stale_s:
                 self._close_chunk(gathered)
                 return f"nothing has come for {now - heard_s:.1f} s"
             elif now - heard_s > self._stale_s and not silent:

@@ -17,6 +17,7 @@ from daq.drivers.base import LoadCell, Samples, Setting, Transport, samples
 from daq.drivers.frames import FrameStream
 from daq.errors import DriverError, ReadingsError
 from daq.recordings.readings import ReadingBlock, open_readings
+from daq.recordings.windows import require_increasing
 from daq.sessions import read_session, session_names
 
 HEADER = b"FTRW"
@@ -69,6 +70,26 @@ class RowDecoder:
             rejected=found.rejected,
             skipped=found.skipped,
         )
+
+
+def _rising(blocks: Iterable[ReadingBlock], file: str) -> Iterator[ReadingBlock]:
+    """Pass readings on as long as their time rises.
+
+    Raises:
+        ReadingsError: it does not go on; all before that has been passed on.
+    """
+    rows, last_s = 0, -np.inf
+    for block in blocks:
+        if not len(block):
+            continue
+        sound = int(np.argmin(np.append(np.diff(block.t_s, prepend=last_s) > 0.0, False)))
+        if sound < len(block):
+            if sound:
+                status = None if block.status is None else block.status[:sound]
+                yield ReadingBlock(block.t_s[:sound], block.wrench[:sound], status)
+            require_increasing(block.t_s, last_s, rows, file)
+        yield block
+        rows, last_s = rows + len(block), float(block.t_s[-1])
 
 
 class Feed:
@@ -172,6 +193,6 @@ class Replay(LoadCell):
         if self.number("speed") < 0.0:
             raise DriverError(f"{self.name}: speed is {self.number('speed'):g}", "0 or more")
         try:
-            return Feed(open_readings(path).blocks(), self.number("speed"))
+            return Feed(_rising(open_readings(path).blocks(), path.name), self.number("speed"))
         except ReadingsError as error:
             raise DriverError(error.found, error.expected, error.remedy) from error

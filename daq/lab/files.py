@@ -149,19 +149,23 @@ class LabRecording:
                 t_s: Floats = block[:, 6] * self.time_factor
             else:
                 t_s = self.increment[0] + self.increment[1] * np.arange(row, row + len(block), dtype=np.float64)
-            back = np.flatnonzero(np.diff(t_s, prepend=last_s) < 0.0)
-            if len(back):
-                raise self._fault(
-                    row + int(back[0]),
-                    "time goes back",
-                    "time that goes on",
-                    "Was a second recording appended? Split the file there, or take time from the increment",
-                )
             if row == 0 and self.increment is None and len(t_s) > _STANDING and np.mean(np.diff(t_s) == 0.0) > 0.5:
                 raise ReadingsError(
                     f"{self.source.path.name}: time stands still from most readings to the next",
                     "a time for each reading",
                     "Is it written in whole seconds? Take time by counting: increment_s in the mapping",
+                )
+            steps = np.diff(t_s, prepend=last_s)
+            back = np.flatnonzero(steps <= 0.0)
+            if len(back):
+                goes_back = steps[back[0]] < 0.0
+                raise self._fault(
+                    row + int(back[0]),
+                    "time goes back" if goes_back else "time stands still",
+                    "time that goes on",
+                    "Was a second recording appended? Split the file there, or take time from the increment"
+                    if goes_back
+                    else "Remove rows that were written twice, or take time from the increment",
                 )
             values = block[:, :6] * self.factors
             if (np.abs(values) > LARGEST).any():

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
+from pathlib import Path
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.records import Record
 from daq.drivers.recorded import ROW, Feed, Replay, RowDecoder, rows_of
-from daq.recordings.readings import ReadingBlock
+from daq.errors import ReadingsError
+from daq.recordings.readings import ReadingBlock, write_readings
 from tests.settings import load_profile
 
 load_profile()
@@ -68,3 +75,36 @@ def test_a_recording_plays_in_its_own_time() -> None:
     assert len(ends) > 20
     assert 0.45 < now[0] < 0.52
     assert all(t is None or abs((t - 5.0) / 2.0 - at) < 0.03 for at, t in ends)
+
+
+def test_a_pause_in_a_recording_is_no_connection_that_was_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bench that went on after a break has one; its recording had begun again at the pause, and never ended."""
+    monkeypatch.setattr("daq.acquisition.acquire.GIVEN_UP_S", 0.1)
+    opened: list[Feed] = []
+
+    def opening() -> Feed:
+        opened.append(Feed([block(100), block(100, first_s=1.0)], 1.0))
+        return opened[-1]
+
+    run = Acquisition(Replay(), opening, stale_s=0.1)
+    run.start()
+    records = list(run.records())
+    assert [e.kind for r in records for e in r.events] == ["started", "stale", "stale", "gap", "ended"]
+    assert sum(len(r.chunk) for r in records if r.chunk is not None) == 200
+    assert len(opened) == 1
+
+
+@pytest.mark.parametrize("at", [1, 70, 100])
+@pytest.mark.parametrize("step_s", [0.0, -0.001, -3600.0])
+def test_a_recording_is_played_as_far_as_its_time_rises(tmp_path: Path, at: int, step_s: float) -> None:
+    sent = block(200, first_s=5.0)
+    t_s = sent.t_s.copy()
+    t_s[at + 1 :] += t_s[at] - t_s[at + 1] + step_s
+    path = write_readings(tmp_path / "readings.csv", [ReadingBlock(t_s, sent.wrench, sent.status)])
+    cell = Replay({"speed": "0"})
+    run = Acquisition(cell, lambda: cell.own_transport(str(path)))
+    run.start()
+    records: deque[Record] = deque()
+    with pytest.raises(ReadingsError, match=f"time goes from .* in row {at + 2} of readings.csv"):
+        records.extend(run.records())
+    assert sum(len(r.chunk) for r in records if r.chunk is not None) == at + 1

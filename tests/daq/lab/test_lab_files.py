@@ -189,6 +189,7 @@ def test_lvm_that_an_editor_saved_in_unicode(tmp_path: Path, encoding: str, cut:
     [
         ("0.002\t1\t2\t3\t4_0\t5\t6", "line 28: Voltage_3 is '4_0'"),
         ("0.002\t1\t2\t3,5\t4\t5\t6", "line 28: Voltage_2 is '3,5'; .*Decimal_Separator .: correct it there"),
+        ("0.001\t1\t2\t3\t4\t5\t6", "reading 3: time stands still"),
         ("0.002\t1\t2\t3\t4\t5", "line 28: Voltage_5 is missing"),
         ("0.002\t1\t2\t\t4\t5\t6", "line 28: Voltage_2 is ''"),
         ("0.002\t1\t2\tNaN\t4\t5\t6", "line 28: Voltage_2 is 'NaN'"),
