@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.journal.export import export
-from daq.lab.channels import TIMESTAMP, Channel, LabChannels
+from daq.lab.channels import TIMESTAMP, Channel
 from daq.lab.envelope import Envelope
 from daq.lab.files import Increment
 from daq.lab.levels import StillSpans
@@ -100,7 +100,7 @@ def read_traces(path: Path) -> Traces:
         time = None
     clock = None if time is None or isinstance(time, Increment) else source.channel(time.channel)
     used = [c for c in sound if c is not clock] or sound
-    used, apart = _together(source, used, clock)
+    used, apart = _together(used, clock)
     names = [c.name for c in used]
     factor, start, step, unit = 1.0, 0.0, 1.0, "reading"
     if clock is not None and time is not None and not isinstance(time, Increment):
@@ -150,14 +150,11 @@ def traces_of(readings: Iterable[ReadingBlock], plateaus: list[Span]) -> Traces:
     )
 
 
-def _together(source: LabChannels, channels: list[Channel], clock: Channel | None) -> tuple[list[Channel], list[str]]:
-    """Return channels that share the first one's start, increment and count, and why others are left out."""
-    first = clock or channels[0]
-
-    def shared(c: Channel) -> bool:
-        return (c.start_s, c.increment_s, c.count) == (first.start_s, first.increment_s, first.count)
-
-    own = [c for c in channels if shared(c)] or channels[:1]
+def _together(channels: list[Channel], clock: Channel | None) -> tuple[list[Channel], list[str]]:
+    """Return channels that share rows, start and increment, with the time's where it states one; why others do not."""
+    rows = [c for c in channels if c.count == (clock or channels[0]).count] or channels[:1]
+    first = rows[0] if clock is None or clock.increment_s is None else clock
+    own = [c for c in rows if (c.start_s, c.increment_s) == (first.start_s, first.increment_s)] or rows[:1]
     apart = [c.name for c in channels if c not in own]
     if len(apart) > _FEW:
         return own, [f"{len(apart)} channels are left out, {apart[0]} and others: they start or step otherwise"]

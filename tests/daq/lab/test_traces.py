@@ -13,6 +13,7 @@ from daq.lab.channels import Channel, Floats, LabChannels
 from daq.lab.envelope import STRETCHES, Envelope
 from daq.lab.opened import open_channels
 from daq.lab.traces import read_traces
+from tests.daq.lab_files import VOLT_ROWS, VOLTAGES, lvm
 
 PEAKS = {17: 9.0, 44_321: -7.0, 99_999: 8.0}
 
@@ -110,3 +111,12 @@ def test_plain_text_is_read_to_the_numbers_that_it_has_cell_by_cell(
     wanted = [[float(row[i].replace(decimal, ".")) for i in (2, 0)] for row in rows]
     np.testing.assert_array_equal(read[0], wanted)
     np.testing.assert_array_equal(read[1], wanted)
+
+
+@pytest.mark.parametrize("x_columns", ["One", "No"])
+def test_channels_of_labview_are_all_drawn(x_columns: str, tmp_path: Path) -> None:
+    """Its header states an increment for each channel, and none for the column of time."""
+    path = lvm(tmp_path / "a.lvm", VOLT_ROWS, x_columns=x_columns)
+    traces = read_traces(path)
+    assert traces.names == VOLTAGES
+    assert not [note for note in traces.notes if "left out" in note]
