@@ -28,6 +28,8 @@ SHIFT_DEVIATIONS = 7.0
 LEAST_SHIFT = 0.5 * TOLERANCE
 # Share of the force by which readings may creep as a rule: about what a pulley's friction is uncertain by.
 _CREEP = 0.01
+# What is left of no scatter when a mean is taken off.
+_NO_SD = 1e-9
 TARE_CHANGE = np.array([0.25, 0.25, 0.25, 5.0, 5.0, 5.0])
 
 
@@ -37,7 +39,7 @@ def saturated(plateau: Plateau, spec: CellSpec | None) -> bool:
 
 
 def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau], spec: CellSpec | None) -> list[Finding]:
-    """Find windows with saturated or flagged readings, a change of load or creep inside."""
+    """Find windows with saturated, flagged or frozen readings, a change of load or creep inside."""
     users: dict[Span, list[str]] = defaultdict(list)
     for case in session.cases:
         if case.excluded is None:
@@ -51,12 +53,17 @@ def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau], spec: C
         return []
     out = []
     noise = _noise_per_reading([plateaus[w] for w in spans])
+    # Of a channel whose noise exceeds its step in most windows, no window is without any by chance.
+    step = np.max([plateaus[w].step for w in spans], axis=0)
+    alive = (np.median([plateaus[w].sd for w in spans], axis=0) >= step) & (step > 0.0)
     open_ended = 0
     for window in spans:
         plateau, where = plateaus[window], _named(users[window])
         found = _load_change(plateau, noise, where)
         if spec is not None and saturated(plateau, spec):
             out.append(_at_limit(plateau, spec, where))
+        elif (still := alive & (plateau.step == 0.0) & (plateau.sd < _NO_SD)).any():
+            out.append(_standing_still(plateau, still, where))
         elif found is not None:
             out.append(found)
         elif plateau.flagged:
@@ -226,6 +233,18 @@ def _at_limit(plateau: Plateau, spec: CellSpec, where: str) -> Finding:
         f"{AXES[k]} reaches {plateau.peak[k]:g}, and the cell's full scale is {spec.range[k]:g}",
         "readings inside the cell's range",
         "Exclude the case, or remove the known weight",
+    )
+
+
+def _standing_still(plateau: Plateau, still: NDArray[np.bool_], where: str) -> Finding:
+    k = int(np.flatnonzero(still)[0])
+    return finding(
+        "warning",
+        "still_window",
+        where,
+        f"all {plateau.readings} readings of {AXES[k]} are {plateau.mean[k]:g}",
+        "noise, as in the other windows",
+        "Was a channel at its limit, or a wire broken? Exclude the case",
     )
 
 

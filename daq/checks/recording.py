@@ -133,6 +133,10 @@ class RecordingScan:
         }
 
 
+def _count(readings: int) -> str:
+    return "1 reading" if readings == 1 else f"{readings} readings"
+
+
 def unknown_range() -> Finding:
     """Return the note on a cell whose range is not known."""
     return finding(
@@ -168,7 +172,7 @@ def recording_findings(
                 "warning" if apart else "error",
                 "saturation",
                 f"{file}: {AXES[k]}",
-                f"{int(scan.saturated[k])} readings at or beyond full scale ({spec.range[k]:g} {unit}, {spec.name}), "
+                f"{_count(int(scan.saturated[k]))} at or beyond full scale ({spec.range[k]:g} {unit}, {spec.name}), "
                 f"the first at {scan.saturated_s:.6g} s" + (", none of them in a window" if apart else ""),
                 "readings inside the cell's range",
                 "Compare known weights before and after: an overload can damage the cell"

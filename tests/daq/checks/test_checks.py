@@ -87,12 +87,12 @@ def clip(_: dict[str, Any], b: ReadingBlock) -> None:
     b.wrench[:, 1] = np.where(b.wrench[:, 1] < -3.0, -25.0, b.wrench[:, 1])
 
 
-def saturated(segment: int, **values: Any) -> Change:
-    """One channel at its limit for a segment of the recording; and change its case."""
+def held(segment: int, value: float, **values: Any) -> Change:
+    """One channel at a value for a segment of the recording; and change its case."""
 
     def change(data: dict[str, Any], b: ReadingBlock) -> None:
         start, end = window(segment)
-        b.wrench[(b.t_s >= start) & (b.t_s <= end), 0] = 25.0
+        b.wrench[(b.t_s >= start) & (b.t_s <= end), 0] = value
         data["cases"][segment // 2 % 4].update(values)
 
     return change
@@ -193,9 +193,10 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "rate": (lambda d, _: d["load_cell"].update(rate_hz=125), "warning", "sample_rate"),
     "saturation": (clip, "error", "saturation"),
     "saturated window": (clip, "error", "saturated_window"),
-    "saturated tare": (saturated(0), "error", "saturated_window"),
-    "saturated known weight": (saturated(9), "error", "saturated_window"),
-    "saturated case that is left out": (saturated(1, excluded="saturated"), "warning", "saturation"),
+    "saturated tare": (held(0, 25.0), "error", "saturated_window"),
+    "saturated known weight": (held(9, 25.0), "error", "saturated_window"),
+    "saturated case that is left out": (held(1, 25.0, excluded="saturated"), "warning", "saturation"),
+    "channel that stands still": (held(1, -0.5), "warning", "still_window"),
     "saturation apart from windows": (bumped, "warning", "saturation"),
     "posture set since": (top(events=[{"t_s": 4.1, "kind": "set_posture"}]), "warning", "stale_tare"),
     "tare of two postures": (case(1, unloaded_s=window(0)), "warning", "stale_tare"),
