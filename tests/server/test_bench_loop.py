@@ -33,23 +33,27 @@ from tests.daq.bench_plays import (
 
 
 class Paced:
-    """Presses lines when the run's time has come."""
+    """Presses lines when the run's time has come, and what they need is there: a busy machine may be late with it."""
 
     def __init__(self, run: BenchRun, lines: list[tuple[float, str]]) -> None:
         self._run, self._lines = run, lines
 
     def __call__(self) -> list[Pressed]:
-        out = []
-        while self._lines and self._run.status().now_s >= self._lines[0][0]:
-            command, _, argument = self._lines.pop(0)[1].partition(" ")
-            out.append(Pressed(command, argument))
-        return out
+        status = self._run.status()
+        if not self._lines or status.now_s < self._lines[0][0]:
+            return []
+        command, _, argument = self._lines[0][1].partition(" ")
+        if (command == "loaded" and status.tare_age_s is None) or (command, status.phase, status.offer) == WAITS:
+            return []
+        del self._lines[0]
+        return [Pressed(command, argument)]
 
 
+WAITS = ("confirm", "loaded", None)
 SPEED = 10.0
 # What rests on the cell from when on, and what is pressed when.
-LOADS = [LoadStep(0.0, REST), LoadStep(6.0, REST + truth("tip", {"FDP": 950}))]
-LINES = [(0.3, "next"), (0.4, "tare"), (0.5, "confirm"), (6.5, "loaded"), (12.5, "confirm"), (12.6, "quit")]
+LOADS = [LoadStep(0.0, REST), LoadStep(9.0, REST + truth("tip", {"FDP": 950}))]
+LINES = [(0.3, "next"), (0.4, "tare"), (0.5, "confirm"), (9.5, "loaded"), (12.5, "confirm"), (12.6, "quit")]
 
 
 def looped(folder: Path, view: Any, lines: list[tuple[float, str]], end_s: float = 30.0) -> tuple[BenchRun, Journal]:
