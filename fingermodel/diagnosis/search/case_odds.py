@@ -50,7 +50,7 @@ def odds_of_taken(
     bad, slips = LOG_PRIOR_ODDS + logsumexp([fit.log_joint(fit.best) for fit in near]), explained(leader, bad_cases)
     out = {}
     for case in bad_cases:
-        without = [fit.but(bad=bad_cases - {case}) for fit in near]
-        sound = logsumexp([max(fit.log_joints(fit.hyper.widened(fit.best))) for fit in without])
+        without = bad_cases - {case}
+        sound = logsumexp([max(fit.but(bad=without).log_joints(fit.hyper.widened(fit.best))) for fit in near])
         out[case] = float(bad - sound) + (slips[case].gain if case in slips else 0.0)
     return out, slips
