@@ -199,7 +199,11 @@ def require_usable(session: Session, finger: Finger) -> None:
         for muscle in case.masses_g:
             if muscle not in topology.muscles:
                 known = ", ".join(topology.muscles)
-                raise SessionError(f"case {case.id} loads {muscle}", f"one of {known} ({finger.id})")
+                raise SessionError(
+                    f"case {case.id} loads {muscle}",
+                    f"one of {known} ({finger.id})",
+                    "Choose a finger with these tendons",
+                )
     used = dict.fromkeys(c.posture for c in cases)
     require_determined(
         finger,
