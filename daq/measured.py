@@ -81,6 +81,24 @@ class MeasuredCheck:
     mass_g: float
 
 
+@dataclass(frozen=True)
+class EstimatedTension:
+    """The friction correction c of a session, estimated from its own cases.
+
+    Attributes:
+        value: tension = c m g; sd: its standard uncertainty.
+        pairs: balances of tip and bone readings that it rests on; above_one: those with more tension than weight.
+        constant_N: force that does not grow with the weight, along the tendons; constant_sd_N: of it.
+    """
+
+    value: float
+    sd: float
+    pairs: int
+    above_one: int
+    constant_N: float
+    constant_sd_N: float
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredSession:
     """A bench session as wrenches.
@@ -94,6 +112,7 @@ class MeasuredSession:
         checks: with known weights.
         tension_factor: the friction correction c: tension = c m g.
         tension_factor_source: where it comes from.
+        estimated_tension: the same with its uncertainty, where it was estimated from the cases; None where stated.
         notes: what the reader of the results should know, such as converted units.
         creep: share of its force by which a loaded reading usually changes within its window; 0 where that is noise.
     """
@@ -107,6 +126,13 @@ class MeasuredSession:
     tension_factor_source: str
     notes: tuple[str, ...]
     creep: float = 0.0
+    estimated_tension: EstimatedTension | None = None
+
+    @property
+    def tension_factor_rel_sd(self) -> float:
+        """Relative standard uncertainty of the friction correction; 0 where it was stated."""
+        estimate = self.estimated_tension
+        return 0.0 if estimate is None else estimate.sd / estimate.value
 
     @property
     def as_entered(self) -> MeasuredSession:

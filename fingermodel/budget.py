@@ -58,10 +58,10 @@ class Budget:
     mount_offset_sd_mm: float = 2.0
     reading_sd_N: float = 0.08
 
-    def with_creep(self, share: float) -> Budget:
-        """The same of readings that change by a share of their force within their windows: they have as far to go."""
-        common = float(np.hypot(self.tension_factor_common_sd, share))
-        return replace(self, tension_factor_common_sd=common) if share else self
+    def with_tension_sd(self, *shares: float) -> Budget:
+        """The same where further relative errors, each by its standard uncertainty, are common to all tensions."""
+        common = float(np.linalg.norm([self.tension_factor_common_sd, *shares]))
+        return replace(self, tension_factor_common_sd=common) if any(shares) else self
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as `budget_of` reads it."""

@@ -109,7 +109,8 @@ class Session:
         from fingermodel.model_files import load_model
 
         session = measured.session
-        budget = budget_of(session.budget).with_creep(measured.creep)
+        # Readings that change within their windows have as far to go; a factor that was estimated is off a little.
+        budget = budget_of(session.budget).with_tension_sd(measured.creep, measured.tension_factor_rel_sd)
         held = held_effects(effects) if catalogue or effects else ()
         loaded = load_model(model, session.id, session.finger, session.folder, layout_of(measured), budget, held)
         observations = observe(measured, loaded.model.finger, loaded.model.budget)

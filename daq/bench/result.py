@@ -21,11 +21,10 @@ from daq.sessions import SESSION_FILE, parse_session, read_session, write_sessio
 from daq.sessions.models import Session
 from daq.sessions.protocols import Protocol, read_protocol
 from daq.signals.corrections import assemble, windows_of
+from daq.signals.tension_estimate import PUBLISHED_TENSION_FACTOR
 
 READINGS = "readings.csv.gz"
 PROTOCOL = "protocol.yaml"
-# Synek et al. 2019, mean of three specimens: used, and said, where a session ends before it can be estimated.
-PUBLISHED_TENSION_FACTOR = 0.835
 
 
 def write_bench_session(

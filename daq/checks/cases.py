@@ -18,6 +18,7 @@ from daq.recordings.plateaus import TOLERANCE, Plateau
 from daq.recordings.readings import HEADERS
 from daq.recordings.windows import Span
 from daq.sessions.models import Session
+from daq.signals.tension_estimate import PUBLISHED_TENSION_FACTOR
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ LEAST_SHIFT = 0.5 * TOLERANCE
 _CREEP = 0.01
 # What is left of no scatter when a mean is taken off.
 _NO_SD = 1e-9
+# Means of the published specimens differ from their mean by 0.08 at most.
+UNUSUAL_FACTOR = 0.1
 TARE_CHANGE = np.array([0.25, 0.25, 0.25, 5.0, 5.0, 5.0])
 
 
@@ -209,6 +212,24 @@ def force_findings(measured: MeasuredSession) -> Iterator[Finding]:
                 "a force of about the weights or less",
                 "Look at the window, the masses and the units",
             )
+
+
+def tension_findings(measured: MeasuredSession) -> list[Finding]:
+    """Say where the friction correction that was estimated is not friction's alone."""
+    found = measured.estimated_tension
+    if found is None:
+        return []
+    value = f"tension_factor {found.value:.3f} ± {found.sd:.3f}, estimated by force balance"
+    beside = f"a force of {found.constant_N:.2g} ± {found.constant_sd_N:.1g} N comes beside the weights"
+    remedy = "Weigh the hangers, look at tares, mounts and masses, or state tension_factor as a number"
+    out = []
+    if found.above_one:
+        pairs = f"{found.above_one} of {found.pairs} pairs of tip and bone cases pull more than the weights; {beside}"
+        out.append(finding("warning", "more_than_weights", "tension_factor", pairs, "friction takes from them", remedy))
+    if abs(found.value - PUBLISHED_TENSION_FACTOR) > UNUSUAL_FACTOR:
+        usual = f"{PUBLISHED_TENSION_FACTOR} ± {UNUSUAL_FACTOR:g}, as on published specimens"
+        out.append(finding("warning", "unusual_tension_factor", "tension_factor", value, usual, remedy))
+    return out
 
 
 def _named(users: Sequence[str]) -> str:

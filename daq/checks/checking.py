@@ -19,6 +19,7 @@ from daq.checks.cases import (
     saturated,
     sign_findings,
     tare_findings,
+    tension_findings,
 )
 from daq.checks.description import session_findings
 from daq.checks.recording import RecordingScan, recording_findings, unknown_range
@@ -154,10 +155,11 @@ def _of_recording(
 
 
 def _of_measured(measured: MeasuredSession, facts: dict[str, Any]) -> list[Finding]:
-    """Return findings in tares, signs, forces and known weights; numbers go to `facts`."""
+    """Return findings in tares, signs, forces, friction and known weights; numbers go to `facts`."""
     tares, facts["tares"] = tare_findings(measured)
     weights, facts["known_weights"] = weight_findings(measured.checks)
-    return [*creep_findings(measured), *tares, *sign_findings(measured), *force_findings(measured), *weights]
+    cases = [*sign_findings(measured), *force_findings(measured), *tension_findings(measured)]
+    return [*creep_findings(measured), *tares, *cases, *weights]
 
 
 def _spec(session: Session) -> CellSpec | None:

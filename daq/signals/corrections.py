@@ -18,7 +18,7 @@ from daq.recordings.readings import ReadingBlock, open_readings
 from daq.recordings.windows import Span, gather
 from daq.sessions.models import KnownWeight, LoadCase, Session, TensionEstimate
 from daq.signals.calibration import MountTransform, mount_transform
-from daq.signals.friction import friction
+from daq.signals.tension_estimate import estimated_tension
 
 Floats = NDArray[np.float64]
 
@@ -148,9 +148,10 @@ def _creep(measured: list[MeasuredCase], transforms: Mapping[str, MountTransform
 
 
 def _with_estimate(measured: MeasuredSession) -> MeasuredSession:
-    result = friction([measured])
-    source = f"estimated by force balance from {result.n} pairs of cases"
-    return replace(measured, tension_factor=result.factor, tension_factor_source=source)
+    found = estimated_tension(measured)
+    pairs = f"{found.pairs} pairs of cases" if found.pairs > 1 else "one pair of cases"
+    source = f"estimated by force balance from {pairs}, ± {found.sd:.3f}"
+    return replace(measured, tension_factor=found.value, tension_factor_source=source, estimated_tension=found)
 
 
 def windows_of(session: Session) -> dict[Span, str]:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SessionError
 from daq.measured import MeasuredSession
-from daq.sessions.models import LoadCase, Posture
-from daq.sessions.protocols import TAPPED
+from daq.signals.balance import Balance, balances
 from daq.signals.friction_bands import BandMean, FrictionBand, band_mean, bands, spread
 from daq.signals.friction_case import FrictionCase
 
@@ -113,7 +112,8 @@ def friction(sessions: Sequence[MeasuredSession]) -> FrictionResult:
     unpaired: list[str] = []
     notes: list[str] = []
     for measured in sessions:
-        found, slopes, alone = _balances(measured)
+        pairs, alone = balances(measured)
+        found, slopes = _cases(measured, pairs)
         cases += found
         both += bands(measured, found, slopes)
         unpaired += alone
@@ -157,74 +157,34 @@ def friction(sessions: Sequence[MeasuredSession]) -> FrictionResult:
     )
 
 
-def tip_to_metacarpal(posture: Posture) -> Floats:
-    """Return the rotation (3, 3) that takes a vector of the distal phalanx into the metacarpal's axes.
-
-    Rz(MCP) Ry(abduction) Rz(PIP + DIP): abduction carried by flexion. Without abduction, Rz of the summed flexion.
-    """
-    mcp, rest, abduction = np.deg2rad([posture.MCP, posture.PIP + posture.DIP, posture.abduction])
-    ry = np.array(
-        [[np.cos(abduction), 0.0, np.sin(abduction)], [0.0, 1.0, 0.0], [-np.sin(abduction), 0.0, np.cos(abduction)]]
-    )
-    out: Floats = _about_z(float(mcp)) @ ry @ _about_z(float(rest))
-    return out
-
-
-def _about_z(angle_rad: float) -> Floats:
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _direction(case: LoadCase) -> str:
-    return "tapped" if (case.note or "").startswith(TAPPED) else case.direction
-
-
-def _balances(measured: MeasuredSession) -> tuple[list[FrictionCase], list[dict[int, Floats]], list[str]]:
-    """Return balances, the slopes of each one's c by the forces (3,) of its cases, and what lacks a partner."""
+def _cases(measured: MeasuredSession, found: Sequence[Balance]) -> tuple[list[FrictionCase], list[dict[int, Floats]]]:
+    """Return c of each balance, and its slopes by the forces (3,) of the cases."""
     session = measured.session
-    groups: dict[tuple[Any, ...], dict[str, list[int]]] = {}
-    for i, m in enumerate(measured.cases):
-        masses = tuple(sorted((k, v) for k, v in m.case.masses_g.items() if v > 0.0))
-        if masses:
-            key = (m.case.posture, masses, _direction(m.case))
-            groups.setdefault(key, {"tip": [], "bone": []})[m.case.location].append(i)
-    cases, slopes, alone = [], [], []
-    for (posture, masses, direction), at in groups.items():
-        if not (at["tip"] and at["bone"]):
-            # Single tendons are measured at the tip alone by plan; only a lone bone reading is worth a word.
-            if at["bone"]:
-                loads = ", ".join(f"{t} {g:g} g" for t, g in masses) + (f", {direction}" * (direction != "loading"))
-                alone.append(f"{session.id}: {posture}, {loads}: no tip case")
-            continue
-        turn = tip_to_metacarpal(session.postures_deg[posture])
-        tip, tip_covariance = _average(measured, at["tip"])
-        bone, bone_covariance = _average(measured, at["bone"])
-        balance = turn @ tip + bone
-        weight = sum(g for _, g in masses) * 1e-3 * session.gravity_m_s2
-        length = float(np.linalg.norm(balance))
-        unit = balance / length if length > 0.0 else np.zeros(3)
-        variance = float(unit @ (turn @ tip_covariance @ turn.T + bone_covariance) @ unit)
-        stated = all(measured.cases[i].noise_stated for i in (*at["tip"], *at["bone"]))
-        of_tip = {i: unit @ turn / (weight * len(at["tip"])) for i in at["tip"]}
-        slopes.append(of_tip | {i: unit / (weight * len(at["bone"])) for i in at["bone"]})
+    cases, slopes = [], []
+    for b in found:
+        unit, weight = b.direction_of_pull, b.weight_N
+        slopes.append(
+            {i: unit @ b.turn / (weight * len(b.tip)) for i in b.tip}
+            | {i: unit / (weight * len(b.bone)) for i in b.bone}
+        )
         cases.append(
             FrictionCase(
                 session=session.id,
                 specimen=session.specimen.id,
-                posture=posture,
-                masses_g=dict(masses),
-                direction=direction,
-                tip_cases=tuple(measured.cases[i].case.id for i in at["tip"]),
-                bone_cases=tuple(measured.cases[i].case.id for i in at["bone"]),
+                posture=b.posture,
+                masses_g=dict(b.masses_g),
+                direction=b.direction,
+                tip_cases=tuple(measured.cases[i].case.id for i in b.tip),
+                bone_cases=tuple(measured.cases[i].case.id for i in b.bone),
                 weight_N=weight,
-                factor=length / weight,
-                factor_sd=float(np.sqrt(variance)) / weight if stated else None,
-                along=float(balance[0]) / weight,
-                across=float(np.hypot(balance[1], balance[2])) / weight,
-                above_one=length > weight and direction != "unloading",
+                factor=b.tension_N / weight,
+                factor_sd=None if b.variance_N2 is None else float(np.sqrt(b.variance_N2)) / weight,
+                along=float(b.force_N[0]) / weight,
+                across=float(np.hypot(b.force_N[1], b.force_N[2])) / weight,
+                above_one=b.above_one,
             )
         )
-    return cases, slopes, alone
+    return cases, slopes
 
 
 def _by_specimen(cases: Sequence[FrictionCase]) -> list[list[FrictionCase]]:
@@ -232,14 +192,6 @@ def _by_specimen(cases: Sequence[FrictionCase]) -> list[list[FrictionCase]]:
     for case in cases:
         out[case.specimen].append(case)
     return list(out.values())
-
-
-def _average(measured: MeasuredSession, indices: list[int]) -> tuple[Floats, Floats]:
-    """Return the mean force (3,) of repeats and its covariance (3, 3)."""
-    n = len(indices)
-    force = np.mean([measured.cases[i].wrench[:3] for i in indices], axis=0)
-    blocks = measured.covariance(indices).reshape(n, 6, n, 6)[:, :3, :, :3]
-    return force, blocks.sum(axis=(0, 2)) / n**2
 
 
 def _mean(name: str, groups: Sequence[Sequence[FrictionCase]]) -> FrictionMean:

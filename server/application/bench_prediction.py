@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
-from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.sessions.models import LoadCase, TensionEstimate
 from daq.signals.corrections import assemble
+from daq.signals.tension_estimate import PUBLISHED_TENSION_FACTOR
 from fingermodel.comparing import compare
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.session import Session

@@ -203,7 +203,7 @@ def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:
     if "finger" in lacks:
         out["finger"] = ask_finger()
     if "tension_factor" in lacks:
-        out["tension_factor"] = ask("Friction: a factor, or 'estimate' by force balance", _friction, "estimate")
+        out["tension_factor"] = ask("Friction: a factor, or 'estimate' by force balance", _friction)
     if "load_cell" in lacks:
         model = Prompt.ask("Model of the load cell, such as ATI Nano17-E SI-25-0.25", default="", show_default=False)
         rate = ask("Sampling rate [Hz], 0 if not known", number, "0")

@@ -85,6 +85,8 @@ def test_a_dropped_recording_becomes_a_session(seen: Watched, lab: Path, tmp_pat
     page.get_by_role("alert").filter(has_text="specimen").wait_for()
     page.get_by_label("Specimen", exact=True).fill("S01")
     page.get_by_label("Side of the hand").select_option("left")
+    # Never by itself: a factor of the rig's own data is a choice.
+    expect(page.get_by_label("Friction: a factor, or estimate")).to_have_value("")
     page.get_by_label("Friction: a factor, or estimate").fill(f"{read_yaml(lab / 'setup.yaml')['tension_factor']}")
     page.get_by_role("button", name="Check it").click()
     page.get_by_text("16 load cases; sound.").wait_for()

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from daq.errors import ModelError
-from daq.sessions import read_session, write_session
+from daq.sessions import parse_session, read_session, write_session
+from daq.signals.corrections import measure
 from fingermodel.diagnosis.answer.addition import add_effects
 from fingermodel.diagnosis.answer.answer import answer
 from fingermodel.diagnosis.answer.ranking import parameters_of
@@ -68,6 +69,19 @@ def test_a_recorded_session_is_read_rightly(session: str, kind: str, effects: tu
     said = found.posterior.of_explanations()
     assert sum(said.values()) == pytest.approx(1.0, abs=1e-6)
     assert any(said)
+
+
+@pytest.mark.parametrize(("session", "effect"), [("DEV-02", "hanger_mass"), ("DEV-08", "zero_offset")])
+def test_a_factor_estimated_from_the_cases_makes_no_fault_of_friction(session: str, effect: str) -> None:
+    document = read_session(session)
+    asked, _ = parse_session(
+        document.model_dump(exclude_none=True) | {"tension_factor": {"estimate": "force_balance"}}, document.folder
+    )
+    assert asked is not None
+    bench = Session.of(measure(asked))
+    # How sure the estimate is belongs to the budget.
+    assert bench.model.budget.tension_factor_common_sd == pytest.approx(bench.measured.tension_factor_rel_sd)
+    assert run_diagnosis(bench).verdict.effects == (effect,)
 
 
 @pytest.mark.parametrize("session", ["DEV-01", "DEV-02", "DEV-08"])

@@ -47,7 +47,7 @@ def test_a_session_is_made_by_answers_and_wrong_ones_lose_nothing(lab: Path, not
     answers = [
         "maybe", "y",
         "", "S01", "", "", "both", "left",
-        "an1979_midle", "", "much", "2", f"{factor}".replace(".", ","),
+        "an1979_midle", "", "", "much", "2", f"{factor}".replace(".", ","),
         "ATI Nano17", "often", "100", "", "",
         "", "FDX 1, hook, tip", *notes[:3], "FDP nothing", *notes[3:], "",
         "99 tare", "tomorrow", "3 RI", "3 skip", f"3 {notes[1]}", "",

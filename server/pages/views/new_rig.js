@@ -13,7 +13,7 @@ export function rig(fingers, sessions, from) {
   const digit = own("digit", { value: "third" });
   const side = el("select", { id: "side", required: true }, options([["", "choose"], ["left"], ["right"]], ""));
   const finger = el("select", { id: "finger-of" }, options(fingers.map((f) => [f.name]), "an1979_middle"));
-  const friction = own("friction", { value: "estimate", size: 10, pattern: "estimate|[01]?[.,]?[0-9]*" });
+  const friction = own("friction", { required: true, placeholder: "0.835", size: 10, pattern: "estimate|[01]?[.,]?[0-9]*" });
   const cell = own("cell", { placeholder: "ATI Nano17 SI-25-0.25" });
   const rate = own("rate", { type: "number", min: 0, step: "any", placeholder: "not known" });
   const frames = { tip: own("frame-tip", { value: "distal_phalanx" }), bone: own("frame-bone", { value: "metacarpal" }) };

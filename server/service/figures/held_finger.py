@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.errors import InputError
+from daq.signals.tension_estimate import PUBLISHED_TENSION_FACTOR
 from fingermodel.comparing import compare
 from fingermodel.comparison.observations import posture_rad
 from fingermodel.fingers import Finger

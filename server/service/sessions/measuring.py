@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.checks import warnings_of
 from daq.errors import InputError, OutsideError, SessionError
 from daq.findings import Finding
@@ -20,6 +19,7 @@ from daq.recordings.plateaus import Plateau
 from daq.recordings.windows import Span
 from daq.sessions.models import LoadCase, Session, TensionEstimate
 from daq.signals.corrections import assemble, windows_of
+from daq.signals.tension_estimate import PUBLISHED_TENSION_FACTOR
 from server.service.ingest.windows import Reduced, Windows
 from server.service.sessions.records import Record
 from server.service.sessions.sessions import Sessions

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,10 @@ from hypothesis import strategies as st
 from daq.errors import SessionError
 from daq.measured import MeasuredSession
 from daq.sessions import Posture, parse_session, read_session
+from daq.signals.balance import tip_to_metacarpal
 from daq.signals.corrections import measure
-from daq.signals.friction import friction, tip_to_metacarpal
-from tests.daq.benches import averaged, bench, record, recorded
+from daq.signals.friction import friction
+from tests.daq.benches import averaged
 
 SPECIMENS = ("H01", "H02", "H03", "B01")
 
@@ -221,23 +221,6 @@ def test_one_specimen_says_that_it_is_alone() -> None:
     single = friction([pair(0.8)])
     assert single.pooled.sem is None
     assert single.sem_unclustered is None
-
-
-def test_a_session_can_have_its_factor_estimated() -> None:
-    session = read_session("synek2019_H02").model_dump(exclude_none=True)
-    session["tension_factor"] = {"estimate": "force_balance"}
-    parsed, _ = parse_session(session, None)
-    assert parsed is not None
-    measured = measure(parsed)
-    assert round(measured.tension_factor, 3) == 0.790
-    assert "8 pairs" in measured.tension_factor_source
-
-
-def test_a_factor_that_cannot_be_estimated(tmp_path: Path) -> None:
-    data = recorded()
-    data["tension_factor"] = {"estimate": "force_balance"}
-    with pytest.raises(SessionError, match="no pair of tip and bone"):
-        measure(bench(tmp_path / "s", data, record([np.zeros(6), np.ones(6)])))
 
 
 def test_the_answer_is_plain_data() -> None:
