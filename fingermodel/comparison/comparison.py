@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -224,9 +224,9 @@ class Comparison:
         return out
 
 
-def muscles_of(masses_g: dict[str, float]) -> str:
-    """Name what is loaded: `FDP`, `FDP+FDS`, or `none`."""
-    return "+".join(m for m, mass in masses_g.items() if mass) or "none"
+def muscles_of(masses_g: Mapping[str, float]) -> str:
+    """Name what is loaded: `FDP`, `FDP+FDS`, or `none`; alphabetical, in whatever order the weights were written."""
+    return "+".join(sorted(m for m, mass in masses_g.items() if mass)) or "none"
 
 
 def compare(model: Model, observations: Observations, theta: Floats | None = None) -> Comparison:

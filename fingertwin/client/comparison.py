@@ -50,7 +50,7 @@ class ComparedCase:
     @property
     def tendons(self) -> str:
         """Loaded tendons, such as `FDP+FDS`."""
-        return "+".join(name for name, mass in self.masses_g.items() if mass) or "none"
+        return "+".join(sorted(name for name, mass in self.masses_g.items() if mass)) or "none"
 
     @classmethod
     def of(cls, body: Body) -> ComparedCase:

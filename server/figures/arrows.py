@@ -65,7 +65,7 @@ def _numbered(comparison: Comparison) -> dict[tuple[object, ...], CaseComparison
     seen: dict[tuple[object, ...], int] = {}
     out: dict[tuple[object, ...], CaseComparison] = {}
     for case in sorted(comparison.cases, key=lambda c: sum(c.masses_g.values())):
-        key = (case.posture, case.location, case.role, "+".join(sorted(case.muscles.split("+"))))
+        key = (case.posture, case.location, case.role, case.muscles)
         seen[key] = seen.get(key, -1) + 1
         out[(*key, seen[key])] = case
     return out

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison.comparison import CaseComparison
+from fingermodel.comparison.comparison import CaseComparison, muscles_of
 from fingermodel.fingers import Finger, FingerValues
 from server.figures import graph_objects as go
 from server.figures import marks
@@ -118,7 +118,7 @@ def _arrows(
     panel: Panel, hung: Hung, origin: Floats, rotation: Floats, scale: float, head: float, axes: dict[str, str]
 ) -> list[go.Scatter]:
     """Add the forces to a panel; return what stands for them in the legend."""
-    [style] = load_styles(["+".join(m for m, g in hung.masses_g.items() if g) or "none"]).values()
+    [style] = load_styles([muscles_of(hung.masses_g)]).values()
     color, unknown = style.color, np.full(3, np.nan)
     measured, sd, predicted = (
         unknown if f is None else f for f in (hung.measured_N, hung.measured_sd_N, hung.predicted_N)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fingermodel.comparison.comparison import muscles_of
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 from server.figures import graph_objects as go
 from server.figures import marks
@@ -152,7 +153,7 @@ def _case_table(inversion: Inversion) -> Table:
 
 def _ordered(cases: Sequence[InvertedCase]) -> _Order:
     def load(case: InvertedCase) -> str:
-        return "+".join(in_order(m for m, g in case.masses_g.items() if g)) or "none"
+        return muscles_of(case.masses_g)
 
     names, postures = in_order(map(load, cases)), list(dict.fromkeys(c.posture for c in cases))
     # Single tendons first; sorted() keeps the session's order where all else is equal.

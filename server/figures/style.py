@@ -57,7 +57,7 @@ TENDONS = {
     "UI": LoadStyle("#CC79A7", "triangle-down"),
     "LU": LoadStyle("#009E73", "cross"),
     "FDP+FDS": LoadStyle("#5B2A86", "x"),
-    "FDP+EDC": LoadStyle("#7A6A00", "hexagon"),
+    "EDC+FDP": LoadStyle("#7A6A00", "hexagon"),
     "FDP+LU": LoadStyle("#0B5345", "pentagon"),
     "none": LoadStyle("#7f7f7f", "circle"),
 }
@@ -136,7 +136,7 @@ def rmse_text(errors: ErrorSummary) -> str:
 
 def load_text(masses_g: Mapping[str, float]) -> str:
     """Name a load with its masses, not escaped: `FDP 950 g`, `FDP+FDS 300 g each`, `FDP+LU 600 + 200 g`."""
-    hung = {m: mass for m, mass in masses_g.items() if mass}
+    hung = {m: mass for m, mass in sorted(masses_g.items()) if mass}
     if not hung:
         return "no load"
     name, masses = "+".join(hung), [f"{mass:g}" for mass in hung.values()]

@@ -23,7 +23,7 @@ from server.figures.poses import finger_pose
 from server.figures.report import figures_of
 from server.figures.scatter import scatter_figure
 from server.figures.static import render, write_static
-from server.figures.style import TENDONS, NothingToDrawError, load_styles, number, posture_name
+from server.figures.style import TENDONS, NothingToDrawError, load_styles, load_text, number, posture_name
 from server.figures.summary import errors_figure
 from server.figures.vectors import bone_figure, vector_figure
 from server.figures.zscores import z_figure
@@ -271,3 +271,10 @@ def test_the_package_alone_loads_no_drawing_library() -> None:
     code = "import sys, server.figures; print([m for m in ('plotly', 'matplotlib', 'jax') if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     assert out.stdout.strip() == "[]"
+
+
+def test_a_load_has_one_name_and_style_in_whatever_order_it_was_written() -> None:
+    assert load_text({"LU": 200.0, "EDC": 0.0, "FDP": 600.0}) == "FDP+LU 600 + 200 g"
+    assert load_text({"FDS": 300.0, "FDP": 300.0}) == load_text({"FDP": 300.0, "FDS": 300.0})
+    # The palette knows combinations by the same names.
+    assert all(name == "+".join(sorted(name.split("+"))) for name in TENDONS)

@@ -15,7 +15,7 @@ const PLANES = [["", "as the finger is judged"], ["sagittal", "sagittal plane (x
 const SUMMARIES = [["summary", "role and mount"], ["by_muscle", "tendon"], ["by_posture", "posture"], ["by_location", "mount"]];
 const FILTERS = [["role", "Role", (c) => c.role], ["location", "Mount", (c) => c.location], ["posture", "Posture", (c) => c.posture],
   ["muscles", "Tendons", (c) => tendons(c)]];
-const tendons = (c) => Object.entries(c.masses_g || {}).filter(([, g]) => g).map(([t]) => t).join("+") || "none";
+const tendons = (c) => Object.entries(c.masses_g || {}).filter(([, g]) => g).map(([t]) => t).sort().join("+") || "none";
 
 export async function view(main, { session, asked }) {
   const path = at("sessions", session);

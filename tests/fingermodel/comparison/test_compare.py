@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fingermodel.comparing import compare
-from fingermodel.comparison.comparison import CaseComparison, Comparison, _norms, summarise
+from fingermodel.comparison.comparison import CaseComparison, Comparison, _norms, muscles_of, summarise
 from fingermodel.comparison.superposition import superposition
 from fingermodel.session import Session
 from tests.fingermodel.fingers import PUBLISHED
@@ -68,6 +68,18 @@ def test_every_case_is_in_exactly_one_summary() -> None:
         assert sum(s["space"]["cases"] for s in comparison.summary().values()) == len(comparison.cases) == 40
         for what in ("muscles", "posture", "location"):
             assert sum(s["space"]["cases"] for s in comparison.by(what).values()) == 40
+
+
+def test_the_order_in_which_weights_were_written_makes_no_other_load() -> None:
+    bench = Session.open("synek2019_H01", catalogue=False)
+    cases = [
+        m if k % 2 else replace(m, case=m.case.model_copy(update={"masses_g": dict([*m.case.masses_g.items()][::-1])}))
+        for k, m in enumerate(bench.measured.cases)
+    ]
+    turned = compare(Session.of(replace(bench.measured, cases=tuple(cases)), catalogue=False))
+    assert list({tuple(c.masses_g) for c in turned.cases if len(c.masses_g) > 1}) != [("FDP", "FDS")]
+    assert turned.by("muscles") == compare(bench).by("muscles")
+    assert muscles_of({"FDS": 300.0, "LU": 0.0, "FDP": 300.0}) == "FDP+FDS"
 
 
 def test_superposition_limit_is_the_published_one() -> None:
