@@ -13,7 +13,7 @@ import json
 import os
 import platform
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +29,8 @@ LOCK = ".audit-writer"
 _PATIENCE_S = 60.0
 # Before the first entry.
 BEGIN = "0" * 64
+# Adds an entry: what was done, about which session or file, and plain data.
+Note = Callable[[str, str | None, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
@@ -104,24 +106,51 @@ def note(folder: Path, what: str, about: str | None, details: Mapping[str, Any])
     Raises:
         InputError: the trail cannot be read or written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with _alone(folder):
-            entries = read(folder)
-            last = (entries[-1].number, entries[-1].sha256) if entries else None
-            entry = following(last, local_user(), platform.node() or "this machine", what, about, details)
-            _add(folder / FILE, entry)
-    except (OSError, sqlite3.Error) as error:
-        said = getattr(error, "strerror", None) or error
-        raise InputError(f"{folder / FILE} cannot be written ({said})", "a folder that may be written") from error
+    with changing(folder) as note_it:
+        note_it(what, about, details)
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Keep other programs from the trail of a folder; a program that is killed holds it no longer."""
-    with closing(sqlite3.connect(folder / LOCK, timeout=_PATIENCE_S, isolation_level=None)) as connection:
+def changing(folder: Path) -> Iterator[Note]:
+    """Keep other programs from a folder whose files are read, written and noted in its trail, as one change.
+
+    A program that is killed holds the folder no longer. What is yielded adds an entry: what, about, details.
+
+    Raises:
+        InputError: the trail cannot be read or written, or another program has held the folder for a minute.
+    """
+    with closing(_held(folder)):
+
+        def note_it(what: str, about: str | None, details: Mapping[str, Any]) -> None:
+            entries = read(folder)
+            last = (entries[-1].number, entries[-1].sha256) if entries else None
+            entry = following(last, local_user(), platform.node() or "this machine", what, about, details)
+            try:
+                _add(folder / FILE, entry)
+            except OSError as error:
+                raise _unwritten(folder, error) from error
+
+        yield note_it
+
+
+def _held(folder: Path) -> sqlite3.Connection:
+    """Wait for a folder's lock and take it; closing the connection leaves it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        connection = sqlite3.connect(folder / LOCK, timeout=_PATIENCE_S, isolation_level=None)
+    except (OSError, sqlite3.Error) as error:
+        raise _unwritten(folder, error) from error
+    try:
         connection.execute("BEGIN EXCLUSIVE")
-        yield
+    except sqlite3.Error as error:
+        connection.close()
+        raise _unwritten(folder, error) from error
+    return connection
+
+
+def _unwritten(folder: Path, error: OSError | sqlite3.Error) -> InputError:
+    said = getattr(error, "strerror", None) or error
+    return InputError(f"{folder / FILE} cannot be written ({said})", "a folder that may be written")
 
 
 def _add(file: Path, entry: Entry) -> None:

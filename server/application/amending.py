@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from daq.audit import note
+from daq.audit import changing
 from daq.errors import SessionError
 from daq.locations import data_dir
 from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
@@ -28,15 +28,16 @@ def amendable(session: str) -> Path:
 
 
 def keep_amendments(session: str, folder: Path, new: Sequence[Amendment]) -> Session:
-    """Write amendments beside a session and return it as it is with them.
+    """Write amendments beside a session and return it as it is with them; others that are made meanwhile are kept.
 
     Raises:
         InputError: they would make the session unusable; nothing is written.
     """
-    _require_sound(session, new)
-    write_amendments(folder, (*_beside(folder), *new))
-    read = read_session(session)
-    note(folder, "amend", read.id, {"made": [a.model_dump(mode="json", exclude_none=True) for a in new]})
+    with changing(folder) as note:
+        _require_sound(session, new)
+        write_amendments(folder, (*_beside(folder), *new))
+        read = read_session(session)
+        note("amend", read.id, {"made": [a.model_dump(mode="json", exclude_none=True) for a in new]})
     return read
 
 
@@ -46,15 +47,16 @@ def take_back(folder: Path, cases: Sequence[str]) -> list[Amendment]:
     Raises:
         SessionError: none has one.
     """
-    beside = _beside(folder)
-    last = {one.case: k for k, one in enumerate(beside) if one.case in cases}
-    if not last:
-        named = f"case {cases[0]} has" if len(cases) == 1 else "these cases have"
-        raise SessionError(f"{named} no amendment here", "one that was made with fingertwin amend")
-    write_amendments(folder, tuple(one for k, one in enumerate(beside) if k not in last.values()))
-    taken = [beside[k] for k in last.values()]
-    gone = [one.model_dump(mode="json", exclude_none=True) for one in taken]
-    note(folder, "amend undone", folder.name, {"taken_back": gone[0] if len(gone) == 1 else gone})
+    with changing(folder) as note:
+        beside = _beside(folder)
+        last = {one.case: k for k, one in enumerate(beside) if one.case in cases}
+        if not last:
+            named = f"case {cases[0]} has" if len(cases) == 1 else "these cases have"
+            raise SessionError(f"{named} no amendment here", "one that was made with fingertwin amend")
+        write_amendments(folder, tuple(one for k, one in enumerate(beside) if k not in last.values()))
+        taken = [beside[k] for k in last.values()]
+        gone = [one.model_dump(mode="json", exclude_none=True) for one in taken]
+        note("amend undone", folder.name, {"taken_back": gone[0] if len(gone) == 1 else gone})
     return taken
 
 

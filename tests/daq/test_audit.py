@@ -72,8 +72,8 @@ for number in range(int(sys.argv[3])):
 HOLDING = """
 import sys, time
 from pathlib import Path
-from daq.audit import _alone
-with _alone(Path(sys.argv[1])):
+from daq.audit import changing
+with changing(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)
 """

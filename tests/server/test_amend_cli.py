@@ -5,16 +5,22 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from threading import Barrier
+from time import sleep
 from typing import Any
 
 import pytest
 
+from daq import audit
 from daq.locations import data_dir
 from daq.sessions import read_session
-from daq.sessions.amendments import amendments_of, block_of
+from daq.sessions.amendments import amendments_of, block_of, write_amendments
+from daq.sessions.models import Amendment
 from fingermodel.diagnosis.verdict.changes import Amend
+from server.application.amending import keep_amendments, take_back
 from server.commands.diagnosis import amending
 from tests.server.command_line import refused, run
 
@@ -161,3 +167,38 @@ def test_a_session_that_comes_with_the_software_stays_as_it_is() -> None:
     refused(
         "amend", "synek2019_H01", "c001", "--exclude", "--why", "x", saying="comes with the software", instead="yours"
     )
+
+
+def test_amendments_that_are_made_and_taken_back_at_once_are_all_kept(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = read_session(folder)
+    cases = [c for c in session.cases if len(c.masses_g) == 1][:6]
+    made = [
+        one
+        for c in cases
+        for one in amendments_of(session, [c], "seen on the photo", masses_g=dict.fromkeys(c.masses_g, 123.0))
+    ]
+    at_once = Barrier(len(made))
+
+    def slowly(where: Path, amendments: tuple[Amendment, ...]) -> Path:
+        sleep(0.02)
+        return write_amendments(where, amendments)
+
+    def keep(one: Amendment) -> None:
+        at_once.wait()
+        keep_amendments(str(folder), folder, [one])
+
+    def undo(one: Amendment) -> None:
+        at_once.wait()
+        take_back(folder, [one.case])
+
+    monkeypatch.setattr("server.application.amending.write_amendments", slowly)
+    with ThreadPoolExecutor(len(made)) as pool:
+        list(pool.map(keep, made))
+        assert {a.case for a in read_session(folder).amendments} == {a.case for a in made}
+        list(pool.map(undo, made))
+    assert read_session(folder).amendments == ()
+    trail = audit.read(folder)
+    assert [e.what for e in trail] == ["amend"] * len(made) + ["amend undone"] * len(made)
+    assert audit.faults(trail) == []
