@@ -71,6 +71,7 @@ class MeasuredCheck:
         when: before, during or after the session.
         mount: tip or bone.
         mass_g: of the weight.
+        mounting: how many times the cell had been moved there.
     """
 
     force_N: Floats
@@ -79,6 +80,7 @@ class MeasuredCheck:
     when: str
     mount: str
     mass_g: float
+    mounting: int = 0
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock, open_readings
 from daq.recordings.windows import Span, gather
 from daq.sessions.models import KnownWeight, LoadCase, Session, TensionEstimate
+from daq.sessions.mountings import mounting_of
 from daq.signals.calibration import MountTransform, mount_transform
 from daq.signals.tension_estimate import estimated_tension
 
@@ -116,7 +117,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
                 noise_stated=True,
             )
         )
-    checks = tuple(_check(w, plateaus, transforms[w.mount], session.gravity_m_s2) for w in session.checks)
+    checks = tuple(_check(w, plateaus, transforms[w.mount], session) for w in session.checks)
     stated = session.tension_factor
     out = MeasuredSession(
         session=session,
@@ -259,14 +260,15 @@ def _averaged(case: LoadCase) -> MeasuredCase:
 
 
 def _check(
-    weight: KnownWeight, plateaus: Mapping[Span, Plateau], transform: MountTransform, gravity_m_s2: float
+    weight: KnownWeight, plateaus: Mapping[Span, Plateau], transform: MountTransform, session: Session
 ) -> MeasuredCheck:
     loaded, unloaded = plateaus[weight.loaded_s], plateaus[weight.unloaded_s]
     return MeasuredCheck(
-        force_N=np.array(weight.direction) * weight.mass_g * 1e-3 * gravity_m_s2,
+        force_N=np.array(weight.direction) * weight.mass_g * 1e-3 * session.gravity_m_s2,
         wrench=transform.apply(loaded.mean - unloaded.mean),
         covariance=transform.apply_covariance(loaded.covariance + unloaded.covariance),
         when=weight.when,
         mount=weight.mount,
         mass_g=weight.mass_g,
+        mounting=mounting_of(weight, session),
     )

@@ -83,7 +83,7 @@ def layout_of(measured: MeasuredSession) -> Layout:
     mountings: dict[tuple[str, int], None] = dict.fromkeys(
         (str(m.case.location), m.case.mounting) for m in measured.cases
     )
-    mountings |= dict.fromkeys((c.mount, 0) for c in measured.checks)
+    mountings |= dict.fromkeys((str(c.mount), c.mounting) for c in measured.checks)
     return Layout(tuple(settings), tuple((str(a), b) for a, b in mountings))
 
 
@@ -129,7 +129,7 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
     mountings = [layout.mountings.index((str(m.case.location), m.case.mounting)) for m in measured.cases]
     for i, check in enumerate(measured.checks):
         known[n + i] = check.force_N
-        mountings.append(layout.mountings.index((str(check.mount), 0)))
+        mountings.append(layout.mountings.index((str(check.mount), check.mounting)))
     wrench = np.array([m.wrench for m in measured.cases] + [c.wrench for c in measured.checks]).reshape(-1, 6)
     spread = np.diag([budget.reading_sd_N**2] * 3 + [(budget.reading_sd_N * 10.0) ** 2] * 3)
     since_tare, elapsed = _clock(measured)
