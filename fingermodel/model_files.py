@@ -57,6 +57,12 @@ class Revision:
     theta: dict[str, float]
     document: dict[str, Any]
 
+    @property
+    def effects(self) -> dict[str, float]:
+        """Parameters of the effects that it holds, by name, each in its own unit."""
+        held = self.document.get("effects") or []
+        return {name: self.theta[name] for effect in held for name in effect["parameters"] if name in self.theta}
+
 
 @dataclass(frozen=True)
 class Step:

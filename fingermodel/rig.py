@@ -17,11 +17,14 @@ from daq.recordings.readings import write_readings
 from daq.sessions import Session, parse_session, read_session, write_session
 from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.standins.simulated import LoadStep, SimulatedCell, readings
+from daq.vocabulary import did_you_mean
 from fingermodel.budget import CERTIFICATE, Budget
 from fingermodel.comparison.observations import posture_rad, require_usable
+from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.fingers import Finger
 from fingermodel.model import Model
-from fingermodel.stages import Layout, LoadCaseInput
+from fingermodel.parameters import with_unit
+from fingermodel.stages import Effect, Layout, LoadCaseInput
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +43,7 @@ def simulate_session(
     session_id: str = "simulated",
     finger_name: str | None = None,
     budget: Budget = CERTIFICATE,
+    effects: tuple[Effect, ...] = CATALOGUE,
     truth: Mapping[str, float] | None = None,
     tension_factor: float = 0.835,
     friction_band: float = 0.0,
@@ -58,7 +62,9 @@ def simulate_session(
         finger_name: that the session names, by default the finger's own id (so that a perturbed truth can name the
             model that the user would start from).
         budget: declares which of the rig's errors may be set by `truth`.
-        truth: parameter values by name that differ from their null, such as `{"zero.bone.x": 0.3}`.
+        effects: that `truth` may let act, each at its null otherwise.
+        truth: parameter values by name that differ from their null, each in its parameter's unit, such as
+            `{"zero.bone.x": 0.3, "hanger_mass.m0": 30.0}`.
         tension_factor: friction factor c of the rig.
         friction_band: share of the tension that friction takes on loading and adds on unloading, until tapped.
         repeats: how often the protocol is run.
@@ -66,6 +72,10 @@ def simulate_session(
 
     Returns:
         The session as read back, and the noise-free wrench (6,) of every case [N, N mm].
+
+    Raises:
+        InputError: too few readings in a window, or a parameter in `truth` that the rig lacks or beyond its bounds.
+        SessionError: a posture or tendon that the finger does not have.
     """
     cell = cell or SimulatedCell()
     cases, end_s = plan(protocol, repeats)
@@ -81,7 +91,8 @@ def simulate_session(
     if session is None:
         raise faults[0]
     require_usable(session, finger)
-    model, theta = _truth_model(finger, cases, budget, truth or {})
+    model = rig_model(finger, protocol, effects, budget)
+    theta = _theta(model, truth or {})
     inputs = _inputs(finger, protocol, cases, model.layout, tension_factor, friction_band)
     wrench = np.asarray(model.predict(inputs, theta).reading)
     steps = _steps(cases, wrench, seed)
@@ -91,19 +102,41 @@ def simulate_session(
     return read_session(folder), {c.id: wrench[i] for i, c in enumerate(cases)}
 
 
-def _truth_model(
-    finger: Finger, cases: tuple[PlannedCase, ...], budget: Budget, truth: Mapping[str, float]
-) -> tuple[Model, Floats]:
-    layout = Layout(
-        tuple(dict.fromkeys((c.posture, 0) for c in cases)), tuple(dict.fromkeys((c.location, 0) for c in cases))
-    )
-    model = Model(finger, layout, budget)
-    theta = model.initial
+def rig_model(
+    finger: Finger, protocol: Protocol, effects: tuple[Effect, ...] = CATALOGUE, budget: Budget = CERTIFICATE
+) -> Model:
+    """Return the model of a rig that follows a protocol: its parameters are those that a `truth` may set.
+
+    Args:
+        finger: that the rig embodies.
+        protocol: whose postures and places the cell sees.
+        effects: of the model, at their null.
+        budget: declares the rig's errors.
+    """
+    cases, _ = plan(protocol)
+    settings = dict.fromkeys((c.posture, 0) for c in cases)
+    return Model(finger, Layout(tuple(settings), tuple(dict.fromkeys((c.location, 0) for c in cases))), budget, effects)
+
+
+def _theta(model: Model, truth: Mapping[str, float]) -> Floats:
+    """The model's parameters (parameters,) with some set by name.
+
+    Raises:
+        InputError: a name that the model lacks, or a value beyond the parameter's bounds.
+    """
+    table, theta = model.parameters, model.initial
     for name, value in truth.items():
-        if name not in model.parameters.index:
-            raise InputError(f"no parameter {name!r}", "one that `fingertwin refit --json` lists for this session")
-        theta[model.parameters.index[name]] = value
-    return model, theta
+        if name not in table.index:
+            own = [p for p in table if p.kind == "effect" and p.name.split(".")[0] == name.split(".")[0]]
+            known = ", ".join(f"{p.name} [{p.unit}]" for p in own) or "the name of an effect's parameter"
+            near = did_you_mean(name, table.names) or "See `fingertwin effects`"
+            raise InputError(f"no parameter {name!r} in this rig", known, "" if own else near)
+        parameter = table.parameters[table.index[name]]
+        if not parameter.lower <= value <= parameter.upper:
+            most = with_unit(f"{parameter.upper:g}", parameter.unit)
+            raise InputError(f"{name} is {value:g}", f"from {parameter.lower:g} to {most}")
+        theta[table.index[name]] = value
+    return theta
 
 
 def _inputs(

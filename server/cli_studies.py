@@ -113,9 +113,18 @@ def simulate(
     model: Annotated[
         str,
         typer.Option(
-            "--model", metavar="FILE", help="Use this finger in the rig: a revision, a finger file or a shipped finger."
+            "--model",
+            metavar="FILE",
+            help="Use this model in the rig: a revision with its effects, a finger file or a shipped finger.",
         ),
     ] = "an1979_middle",
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME.PARAM=VALUE",
+            help="Let an effect act, in the unit that 'fingertwin effects NAME' tells: hanger_mass.m0=30; repeatable.",
+        ),
+    ] = None,
     rate_hz: Annotated[float, typer.Option(help="Sample at this rate [Hz].")] = 100.0,
     noise: Annotated[float, typer.Option("--noise-N", help="Set the noise's sd in one force reading [N].")] = 0.03,
     repeats: Annotated[int, typer.Option(help="Run the protocol so often.")] = 1,
@@ -125,4 +134,4 @@ def simulate(
     """Write the session that a simulated rig would record: to plan an experiment, or to try everything."""
     from server.commands.files import simulate_rig
 
-    simulate_rig(protocol, out, model, rate_hz, noise, repeats, seed, json)
+    simulate_rig(protocol, out, model, effect or [], rate_hz, noise, repeats, seed, json)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from daq.errors import InputError
 from daq.quoting import quoted
+from fingermodel.parameters import with_unit
 from server.application.exchange import ENDINGS as FINGER_FORMATS
 from server.application.exported_files import export_file
 from server.application.simulating import simulate_session_at
@@ -31,11 +33,39 @@ def export_source(source: str, file_format: str, out: Path | None, model: str | 
 
 
 def simulate_rig(
-    protocol: str, out: Path, model: str, rate_hz: float, noise_N: float, repeats: int, seed: int, json: str | None
+    protocol: str,
+    out: Path,
+    model: str,
+    effect: list[str],
+    rate_hz: float,
+    noise_N: float,
+    repeats: int,
+    seed: int,
+    json: str | None,
 ) -> None:
     """Write a simulated session, with the truth beside it."""
+    effects = _values(effect)
     with progress("Simulating"):
-        session = simulate_session_at(protocol, out, model, rate_hz, noise_N, repeats, seed)
-    body = {"session": str(out), "cases": len(session.cases), "rate_hz": rate_hz, "seed": seed}
-    if not answer("simulate", body, json):
-        say(f"{len(session.cases)} load cases at {rate_hz:g} Hz: {out}   (fingertwin compare {quoted(out)})")
+        session, truth = simulate_session_at(protocol, out, model, effects, rate_hz, noise_N, repeats, seed)
+    told = {"parameters": truth["parameters"], "left_out": truth["left_out"]}
+    body = {"session": str(out), "cases": len(session.cases), "rate_hz": rate_hz, "seed": seed} | told
+    if answer("simulate", body, json):
+        return
+    say(f"{len(session.cases)} load cases at {rate_hz:g} Hz: {out}   (fingertwin compare {quoted(out)})")
+    if told["parameters"]:
+        acting = [f"{p['name']} {with_unit(format(p['value'], '.3g'), p['unit'])}" for p in told["parameters"]]
+        say(f"Effects that act: {', '.join(acting)}.")
+    if told["left_out"]:
+        say(f"Left out, because the protocol has no place for it: {', '.join(told['left_out'])}.")
+
+
+def _values(given: list[str]) -> dict[str, float]:
+    """Return numbers by name, of NAME=NUMBER."""
+    out = {}
+    for one in given:
+        name, _, value = one.partition("=")
+        try:
+            out[name.strip()] = float(value)
+        except ValueError as error:
+            raise InputError(f"--effect {one:.60}", "NAME.PARAMETER=NUMBER, such as hanger_mass.m0=30") from error
+    return out

@@ -49,6 +49,35 @@ def test_it_measures_back_to_its_truth_within_the_stated_uncertainty(rig: tuple[
     assert np.abs(error[:, :3]).max() < 0.06
 
 
+def test_an_effect_of_the_truth_acts_in_the_rig(rig: tuple[Path, dict[str, np.ndarray]], tmp_path: Path) -> None:
+    """30 g more at every hanger pull as much as 30 g more in the protocol: the tip's force is linear in the weight."""
+    finger, protocol = read_finger("an1979_middle"), read_protocol("synek2019")
+    _, truth = simulate_session(finger, protocol, tmp_path, cell=CELL, seed=4, truth={"hanger_mass.m0": 30.0})
+    alone = [c for c in plan(protocol)[0] if len(c.masses_g) == 1]
+    assert len(alone) > 10
+    for case in alone:
+        (mass,) = case.masses_g.values()
+        np.testing.assert_allclose(truth[case.id], rig[1][case.id] * (1.0 + 30.0 / mass), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("truth", "said"),
+    [
+        ({"hanger_mass": 30.0}, "no parameter 'hanger_mass' in this rig; expected hanger_mass.m0 [g], "),
+        ({"hanger_mas.m0": 30.0}, "Did you mean hanger_mass.m0?"),
+        ({"hanger_mass.m0": 1e4}, "hanger_mass.m0 is 10000; expected from 0 to 200 g"),
+        ({"hanger_mass.m0": float("nan")}, "hanger_mass.m0 is nan"),
+        ({"zero.bone.x": float("inf")}, "zero.bone.x is inf"),
+    ],
+)
+def test_a_truth_that_no_rig_has_is_refused_in_one_line(truth: dict[str, float], said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        simulate_session(read_finger("an1979_middle"), read_protocol("synek2019"), tmp_path / "s", truth=truth)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "s").exists()
+
+
 def test_the_same_seed_writes_the_same_readings(tmp_path: Path) -> None:
     finger, protocol = read_finger("synek2019_optimised"), read_protocol("synek2019")
     texts = []

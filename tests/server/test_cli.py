@@ -27,7 +27,7 @@ from tests.server.command_line import COMMANDS, H01, RAW, Document, altered, key
         ("refit", "--method --model --out --plane --figures --json"),
         ("reproduce", "--figures --json"),
         ("export", "--format --out --model --json"),
-        ("simulate", "--out --model --rate-hz --noise-N --repeats --seed --json"),
+        ("simulate", "--out --model --effect --rate-hz --noise-N --repeats --seed --json"),
         ("demo", "--out"),
     ],
 )

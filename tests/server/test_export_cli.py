@@ -91,6 +91,41 @@ def test_a_seed_repeats_a_simulation(simulated: Path, tmp_path: Path) -> None:
     assert other[1] != same[1]
 
 
+def test_a_simulation_embodies_the_effects_of_a_revision(tmp_path: Path) -> None:
+    """What the session shows under the revision is its truth, and under the plain finger it is not."""
+    model, rig = tmp_path / "m.json", tmp_path / "rig"
+    assert run("add", "hanger_mass", "DEV-02", "--out", model).code == 0
+    document, moved = json.loads(model.read_text(encoding="utf-8")), "cell_rotation.tip#1.x"
+    document["effects"].append({"name": "cell_rotation", "parameters": [moved], "document": None})
+    document["parameters"].append(document["parameters"][-1] | {"name": moved, "value": 3.0})
+    model.write_text(json.dumps(document), encoding="utf-8")
+    body = run("simulate", "synek2019", "--model", model, "--out", rig, "--rate-hz", 20, "--json", "-").body("simulate")
+    truth = json.loads((rig / "truth.json").read_text(encoding="utf-8"))
+    [mass] = truth["parameters"]
+    assert body["parameters"] == truth["parameters"]
+    assert (mass["name"], mass["unit"], truth["left_out"]) == ("hanger_mass.m0", "g", [moved])
+    assert mass["value"] == pytest.approx(29.2, abs=1.0)
+    wrenches = truth["wrench_N_Nmm"]
+    for case in run("compare", rig, "--model", model, "--json", "-").body("compare")["cases"]:
+        assert case["predicted_N"] == pytest.approx(wrenches[case["id"]][:3], abs=1e-5)
+        assert case["measured_N"] == pytest.approx(wrenches[case["id"]][:3], abs=0.05)
+
+
+def test_a_simulation_lets_an_effect_act(simulated: Path, tmp_path: Path) -> None:
+    """A worn pulley that keeps 10 % of FDP's pull back: a tenth of the force is missing where FDP pulls alone."""
+    said = run("simulate", "synek2019", "--effect", "worn_pulley.FDP=10", "--out", tmp_path / "rig", "--rate-hz", 20)
+    assert "Effects that act: worn_pulley.FDP 10 %." in said.out
+    before, after = (json.loads((f / "truth.json").read_text())["wrench_N_Nmm"] for f in (simulated, tmp_path / "rig"))
+    changed = [name for name in before if before[name] != after[name]]
+    assert changed
+    assert len(changed) < len(before)
+    loaded = {c["id"]: c["masses_g"] for c in yaml.safe_load((simulated / "session.yaml").read_text())["cases"]}
+    assert all("FDP" in loaded[name] for name in changed)
+    alone = [name for name in changed if set(loaded[name]) == {"FDP"}]
+    for name in alone:
+        assert after[name] == pytest.approx([0.9 * x for x in before[name]], abs=2e-6)
+
+
 def test_a_simulation_never_overwrites(simulated: Path) -> None:
     refused("simulate", "synek2019", "--out", simulated, saying=str(simulated))
 
@@ -106,7 +141,8 @@ def test_a_simulation_keeps_what_lies_in_a_folder(tmp_path: Path) -> None:
     [
         ("--rate-hz", "0"), ("--rate-hz", "nan"), ("--rate-hz", "inf"), ("--rate-hz", "0.01"), ("--noise-N", "-1"),
         ("--noise-N", "inf"), ("--noise-N", "nan"), ("--repeats", "0"), ("--seed", "-1"), ("--model", "nosuch"),
-        ("--model", "nosuch.json"),
+        ("--model", "nosuch.json"), ("--effect", "hanger_mass=30"), ("--effect", "hanger_mass.m0"),
+        ("--effect", "hanger_mass.m0=heavy"), ("--effect", "hanger_mass.m0=-1"),
     ],
 )  # fmt: skip
 def test_a_simulation_that_makes_no_sense_writes_nothing(tmp_path: Path, option: tuple[str, str]) -> None:
