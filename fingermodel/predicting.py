@@ -29,6 +29,11 @@ __all__ = ["PredictedForces", "Predictor", "predict"]
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, ArrayLike]
+# What a bench can be asked: friction correction c up to, gravity [m/s2], angles [deg], and masses [g] or tensions [N].
+MOST_FACTOR = 1.5
+GRAVITY_M_S2 = (5.0, 20.0)
+ANGLE_DEG = (-180.0, 180.0)
+MOST_LOAD = 1e6
 # A straight finger turns any torque into as much force as its rounding errors allow.
 _ABSURD = 20.0
 
@@ -57,21 +62,22 @@ def predict(
     masses_g: Columns | None = None,
     *,
     tensions_N: Columns | None = None,
-    tension_factor: float = 1.0,
-    gravity_m_s2: float = 9.81,
+    tension_factor: float | None = None,
+    gravity_m_s2: float | None = None,
 ) -> PredictedForces:
     """Predict the forces of load cases: row i of each column is load case i, and one number holds for all.
 
     Args:
         model: that predicts: a finger or its name, a revision, a session with its model, or a `Predictor` of one.
-        postures_deg: angle of each joint [deg], flexion positive; one left out is 0.
-        masses_g: weight hung on each tendon [g]; or else
-        tensions_N: the tension in each [N].
-        tension_factor: friction correction c of the weights: tension = c m g (Synek et al. 2019, Eq 1).
-        gravity_m_s2: g.
+        postures_deg: angle of each joint [deg], −180 to 180, flexion positive; one left out is 0.
+        masses_g: weight hung on each tendon [g], 0 to 1e6; or else
+        tensions_N: the tension in each [N], 0 to 1e6.
+        tension_factor: friction correction c of the weights, above 0 and up to 1.5: tension = c m g (Synek et al. 2019,
+            Eq 1). By default a session's own; 1 for a finger or a revision, which know of no rig.
+        gravity_m_s2: g, 5 to 20. By default a session's own; 9.81 for a finger or a revision.
 
     Raises:
-        InputError: neither or both of weights and tensions, or one below zero; columns of different lengths.
+        InputError: neither or both of weights and tensions; a number out of range; columns of different lengths.
         ModelError: a joint or tendon that the finger lacks.
 
     Example:
@@ -85,16 +91,35 @@ def predict(
         found = "no load" if masses_g is None else "masses_g and tensions_N"
         raise InputError(found, "one of masses_g and tensions_N")
     predictor = model if isinstance(model, Predictor) else predictor_of(model)
-    topology, weight = predictor.topology, gravity_m_s2 * 1e-3 * tension_factor
+    topology, weight = predictor.topology, _weight_N_per_g(predictor, tension_factor, gravity_m_s2)
     degrees, rows = columns(_lists(postures_deg), topology.rotations, "joint")
+    if (beyond := degrees[(degrees < ANGLE_DEG[0]) | (degrees > ANGLE_DEG[1])]).size:
+        raise InputError(f"an angle of {beyond[0]:g} degrees", f"{ANGLE_DEG[0]:g} to {ANGLE_DEG[1]:g}")
     what = "tendon" if masses_g is None else "mass on"
     load, more = columns(_lists(masses_g or tensions_N or {}), topology.muscles, what, rows)
     if (load < 0).any():
         raise InputError("a mass or tension below zero", "0 or more: tendons only pull")
+    if (load > MOST_LOAD).any():
+        raise InputError(
+            f"a mass or tension of {load.max():g}", f"at most {MOST_LOAD:g}, masses in g and tensions in N"
+        )
     n = max(rows, more)
     degrees, load = (np.broadcast_to(a, (n, a.shape[1])) for a in (degrees, load))
     tension = load if masses_g is None else load * weight
     return PredictedForces(**predictor.predict(np.deg2rad(degrees), np.ascontiguousarray(tension), weight))
+
+
+def _weight_N_per_g(  # noqa: N802 - N is the unit
+    predictor: Predictor, tension_factor: float | None, gravity_m_s2: float | None
+) -> float:
+    """What a gram pulls at the finger, friction included: as given, or as the predictor's session has it."""
+    if tension_factor is not None and not 0.0 < tension_factor <= MOST_FACTOR:
+        wanted = f"the friction correction c, above 0 and up to {MOST_FACTOR:g}"
+        raise InputError(f"tension_factor {tension_factor:g}", wanted, "Leave it out for the session's own")
+    if gravity_m_s2 is not None and not GRAVITY_M_S2[0] <= gravity_m_s2 <= GRAVITY_M_S2[1]:
+        raise InputError(f"gravity_m_s2 {gravity_m_s2:g}", f"{GRAVITY_M_S2[0]:g} to {GRAVITY_M_S2[1]:g} m/s2, as 9.81")
+    factor = predictor.tension_factor if tension_factor is None else tension_factor
+    return factor * 1e-3 * (predictor.gravity_m_s2 if gravity_m_s2 is None else gravity_m_s2)
 
 
 def _lists(given: Columns) -> dict[str, Sequence[float]]:
@@ -126,6 +151,10 @@ class Predictor:
     Args:
         model: that predicts.
 
+    Attributes:
+        tension_factor: friction correction c of its session; 1 without one.
+        gravity_m_s2: of its session; 9.81 without one.
+
     Raises:
         InputError: it cannot be used.
     """
@@ -133,6 +162,7 @@ class Predictor:
     def __init__(self, model: Finger | Revision) -> None:
         prepare_jax()
         self.name = model.id
+        self.tension_factor, self.gravity_m_s2 = 1.0, 9.81
         self._theta: Floats | None = None
         if isinstance(model, PlainFinger):
             self._model = Model(model)
@@ -146,7 +176,7 @@ class Predictor:
 
     @classmethod
     def of_session(cls, session: Session) -> Predictor:
-        """Of a session's model: its anatomy and effects, without the errors of the session's rig."""
+        """Of a session's model: its anatomy, effects, friction factor and gravity, without the errors of its rig."""
         source, given = session.model, session.theta
         fitted = source.finger.replace_values(**source.values_at(given)._asdict())
         made = cls(fitted)
@@ -157,6 +187,8 @@ class Predictor:
                 theta[i] = given[source.parameters.index[parameter.name]]
         effects = model.parameters.of_kind("effect")
         made.name, made._model, made._theta = session.loaded.name, model, theta
+        made.tension_factor = session.measured.tension_factor
+        made.gravity_m_s2 = session.measured.session.gravity_m_s2
         made._plain = bool((theta[effects] == model.initial[effects]).all())
         return made
 

@@ -137,7 +137,8 @@ class Client:
             masses_g: weight hung on each tendon; or
             tensions_N: the tension in each.
             model: a finger's name, or a revision.
-            tension_factor: friction correction c, tension = c m g; of masses alone.
+            tension_factor: friction correction c, tension = c m g, above 0 and up to 1.5; of masses alone. It is 1 for
+                a revision too: give that of the session to predict what its weights would do.
             gravity_m_s2: of the place.
 
         Raises:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import doctest
 import importlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -164,10 +165,27 @@ def test_a_session_predicts_with_its_fitted_model(session: Session, tmp_path: Pa
     posture, load = {"PIP": 45.0, "DIP": 10.0}, {"FDP": 500.0}
     fitted = predict(session.at(fit), posture, load).tip_force_N
     revision = save(session, fit, tmp_path / "mean.json")
-    np.testing.assert_allclose(fitted, predict(revision, posture, load).tip_force_N, rtol=1e-6)
+    same = predict(revision, posture, load, tension_factor=session.measured.tension_factor)
+    np.testing.assert_allclose(fitted, same.tip_force_N, rtol=1e-6)
     assert not np.allclose(fitted, predict(session, posture, load).tip_force_N, rtol=1e-3)
     worn, whole = session.at_values({"worn_pulley.FDP": 10.0}), predict(session, posture, load)
     np.testing.assert_allclose(predict(worn, posture, load).tip_force_N, 0.9 * whole.tip_force_N, rtol=1e-9)
+
+
+def test_weights_of_a_session_pull_as_they_did_in_it(session: Session) -> None:
+    """With the session's friction factor and gravity; a finger alone knows of no friction."""
+    assert session.measured.tension_factor == 0.835
+    load = ({"PIP": 65.0, "DIP": 50.0}, {"FDP": 950.0})
+    own, stated = predict(session, *load), predict(session, *load, tension_factor=0.835, gravity_m_s2=9.81)
+    np.testing.assert_array_equal(own.tip_force_N, stated.tip_force_N)
+    pulled = predict(session, load[0], tensions_N={"FDP": 0.835 * 9.81e-3 * 950.0})
+    np.testing.assert_allclose(own.tip_force_N, pulled.tip_force_N, rtol=1e-12)
+    whole = predict(session, *load, tension_factor=1.0).tip_force_N
+    np.testing.assert_allclose(own.tip_force_N, 0.835 * whole, rtol=1e-12)
+    np.testing.assert_allclose(predict(session.model.finger, *load).tip_force_N, whole, rtol=1e-12)
+    elsewhere = replace(session.measured, session=session.measured.session.model_copy(update={"gravity_m_s2": 9.9}))
+    light = predict(replace(session, measured=elsewhere), *load)
+    np.testing.assert_allclose(light.tip_force_N, own.tip_force_N * 9.9 / 9.81, rtol=1e-12)
 
 
 def test_a_refit_refuses_what_it_cannot_do(session: Session) -> None:
@@ -193,3 +211,19 @@ def test_a_prediction_refuses_what_it_cannot_use() -> None:
         predict("an1979_middle", {"KNEE": 1.0}, {"FDP": 1.0})
     with pytest.raises(InputError, match="FDP: 'heavy'"):
         predict("an1979_middle", posture, {"FDP": "heavy"})
+    with pytest.raises(InputError, match=r"mass or tension of 1e\+07; expected at most 1e\+06"):
+        predict("an1979_middle", posture, {"FDP": 1e7})
+    with pytest.raises(InputError, match="angle of 400 degrees; expected -180 to 180"):
+        predict("an1979_middle", posture | {"MCP": 400.0}, {"FDP": 1.0})
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 8.35, float("nan"), float("inf")])
+def test_a_factor_that_no_friction_gives_is_refused(factor: float) -> None:
+    with pytest.raises(InputError, match=f"tension_factor {factor:g}; expected the friction correction c, above 0 and"):
+        predict("an1979_middle", {"PIP": 65.0, "DIP": 50.0}, {"FDP": 950.0}, tension_factor=factor)
+
+
+@pytest.mark.parametrize("gravity", [-9.81, 0.0, 981.0, float("nan")])
+def test_a_gravity_of_no_place_is_refused(gravity: float) -> None:
+    with pytest.raises(InputError, match="5 to 20 m/s2"):
+        predict("an1979_middle", {"PIP": 65.0, "DIP": 50.0}, {"FDP": 950.0}, gravity_m_s2=gravity)

@@ -6,13 +6,14 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
+from fingermodel.predicting import ANGLE_DEG, GRAVITY_M_S2, MOST_FACTOR, MOST_LOAD
 from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
 from server.service.web.examples import EXAMPLES
 
 MOST_ROWS = 100_000
 # Far beyond any mass in g and tension in N, and far from where sums overflow.
-Number = Annotated[float, Field(ge=-1e6, le=1e6)]
-Angle = Annotated[float, Field(ge=-180, le=180)]
+Number = Annotated[float, Field(ge=-MOST_LOAD, le=MOST_LOAD)]
+Angle = Annotated[float, Field(ge=ANGLE_DEG[0], le=ANGLE_DEG[1])]
 Name = Annotated[str, Field(max_length=60)]
 Column = Annotated[list[Number], Field(min_length=1, max_length=MOST_ROWS)]
 Columns = Annotated[dict[Name, Column], Field(max_length=40)]
@@ -37,9 +38,13 @@ class Asked(Form):
     tensions_N: Annotated[Columns | None, Field(description="Or the tension in each tendon [N].")] = None
     tension_factor: Annotated[
         float,
-        Field(gt=0, le=1.5, description="Friction correction c: tension = c m g; of masses alone."),
+        Field(
+            gt=0,
+            le=MOST_FACTOR,
+            description="Friction correction c: tension = c m g; of masses alone. A session states its own.",
+        ),
     ] = 1.0
-    gravity_m_s2: Annotated[float, Field(ge=5, le=20)] = 9.81
+    gravity_m_s2: Annotated[float, Field(ge=GRAVITY_M_S2[0], le=GRAVITY_M_S2[1])] = 9.81
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, json_schema_extra={"examples": [EXAMPLES["Asked"]]})
 
