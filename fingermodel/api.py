@@ -76,7 +76,7 @@ def refit(
 
     Raises:
         SessionError: no identification case.
-        InputError: no such method, or a plane with `slsqp`, which is posed in the sagittal plane.
+        InputError: no such method or plane, or a plane with `slsqp`, which is posed in the sagittal plane.
 
     Example:
         >>> from fingermodel import Session, refit

@@ -192,8 +192,10 @@ class Session:
             effects: to be taken out.
 
         Raises:
-            InputError: an effect is to be taken out that the model does not hold.
+            InputError: an effect is to be taken out that the model does not hold, or one name instead of a list.
         """
+        if isinstance(effects, str):
+            raise InputError(f"without is {effects!r:.60}", "a list of effects", f"Give [{effects!r:.60}]")
         added = self.loaded.added
         unknown = [name for name in effects if not any(_belongs(p, [name]) for p in added)]
         if unknown:
@@ -211,10 +213,16 @@ def held_effects(own: Sequence[Effect | str | os.PathLike[str]] = ()) -> tuple[E
     """The catalogue, effects of the user's or those in their files, and what rigs are known to do beyond both.
 
     What the user gives is found by its name; the rest is only ever something outside the catalogue.
+
+    Raises:
+        InputError: an effect that cannot be used, or one name or path where a list of them is expected.
     """
     from fingermodel.effects.catalogue import CATALOGUE
     from fingermodel.effects.user import load_effect, shipped_effects
 
+    if isinstance(own, str | os.PathLike):
+        name = os.fspath(own)
+        raise InputError(f"effects is {name!r:.60}", "a list of effects or of their files", f"Give [{name!r:.60}]")
     loaded = [load_effect(Path(e)) if isinstance(e, str | os.PathLike) else e for e in own]
     given = [replace(e, outside=False) if e.outside and is_dataclass(e) else e for e in loaded]
     taken = {e.name for e in given}

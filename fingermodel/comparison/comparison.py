@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError
 from fingermodel.comparison.observations import Observations
-from fingermodel.fingers import PLANES, Plane
+from fingermodel.fingers import PLANES, Plane, require_plane
 from fingermodel.model import Model
 
 Floats = NDArray[np.float64]
@@ -49,8 +49,12 @@ class CaseComparison:
         return muscles_of(self.masses_g)
 
     def z_in(self, plane: Plane) -> float | None:
-        """Mahalanobis norm of the force residual in a plane; None without any uncertainty."""
-        return self.z_sagittal if plane == "sagittal" else self.z
+        """Mahalanobis norm of the force residual in a plane; None without any uncertainty.
+
+        Raises:
+            InputError: there is no such plane.
+        """
+        return self.z_sagittal if require_plane(plane) == "sagittal" else self.z
 
     def as_dict(self) -> dict[str, Any]:
         """Return the contract's case object."""
@@ -140,8 +144,12 @@ class Comparison:
         return replace(self, cases=tuple(c for c in self.cases if c.id not in ids))
 
     def errors(self, plane: str) -> ErrorSummary:
-        """Summarise all cases in the `sagittal` plane or in `space`."""
-        return summarise(self.cases, PLANES[plane])
+        """Summarise all cases in the `sagittal` plane or in `space`.
+
+        Raises:
+            InputError: there is no such plane.
+        """
+        return summarise(self.cases, PLANES[require_plane(plane)])
 
     def rmse_N(self, group: str, plane: Plane | None = None) -> float:  # noqa: N802 - N is the unit
         """Return the root mean square error [N] of the force components of a group of load cases (Eq 6).
@@ -151,10 +159,10 @@ class Comparison:
             plane: `sagittal` or `space`; by default the one that the finger is judged in.
 
         Raises:
-            InputError: there is no such group.
+            InputError: there is no such group or plane.
         """
         role, _, location = group.partition("/")
-        rmse = self.select(role, location).errors(plane or self.judged_in).rmse_N
+        rmse = self.select(role, location).errors(self.judged_in if plane is None else plane).rmse_N
         if rmse is None:
             groups = dict.fromkeys(f"{c.role}/{c.location}" for c in self.cases)
             raise InputError(f"no load case of {group}", f"one of {', '.join(groups) or 'none: no case is left'}")

@@ -85,6 +85,12 @@ def _find(path: Path) -> Path:
     shipped = data_dir() / "effects" / f"{path}.yaml"
     if str(path) == path.name and shipped.is_file():
         return shipped
+    if str(path) in EFFECTS:
+        raise ModelError(
+            f"{path} is an effect of the catalogue",
+            "an effect of your own: a .yaml or .py file",
+            f"Leave it out: every model holds the catalogue, and `add` lets {path} act",
+        )
     if path.is_file():
         raise ModelError(f"{path.name} is no effect file", "a .yaml file of formulas or a .py file", REMEDY)
     names = shipped_effects()

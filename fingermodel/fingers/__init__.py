@@ -18,6 +18,7 @@ from fingermodel.fingers.finger import (
     Plane,
     Segment,
     Topology,
+    require_plane,
 )
 
 __all__ = [
@@ -33,4 +34,5 @@ __all__ = [
     "Plane",
     "Segment",
     "Topology",
+    "require_plane",
 ]

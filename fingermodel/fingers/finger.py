@@ -12,11 +12,13 @@ bone about +z; abduction is a rotation about +y.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from daq.errors import InputError
+from daq.vocabulary import did_you_mean
 from fingermodel.hood.parts import ElasticHood
 
 if TYPE_CHECKING:
@@ -30,6 +32,17 @@ Plane = Literal["sagittal", "space"]
 # How many force components, from Fx on, lie in it.
 PLANES = {"sagittal": 2, "space": 3}
 WRAPS = ("straight", "landsmeer1_dorsal", "landsmeer1_palmar")
+
+
+def require_plane(name: str) -> Plane:
+    """Return the plane of a name.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in PLANES:
+        raise InputError(f"plane {name!r:.60}", " or ".join(PLANES), did_you_mean(name, PLANES))
+    return cast(Plane, name)
 
 
 @dataclass(frozen=True)

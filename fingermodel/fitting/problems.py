@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
-from fingermodel.fingers import Plane
+from fingermodel.fingers import Plane, require_plane
 from fingermodel.model import Model
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
@@ -157,6 +157,9 @@ def weighted_problem(
         whitener: of these readings.
         plane: which force components count.
         effects: names of the effects' parameters that are free; all others stay at their null.
+
+    Raises:
+        InputError: there is no such plane.
     """
     table = model.parameters
     free = table.free & (~table.of_kind("effect") | np.isin(table.names, list(effects)))
@@ -171,7 +174,7 @@ def weighted_problem(
         sd=table.sd,
         lower=table.lower,
         upper=table.upper,
-        free=free & ~out_of_plane(model) if plane == "sagittal" else free,
+        free=free & ~out_of_plane(model) if require_plane(plane) == "sagittal" else free,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import muscles_of
+from fingermodel.fingers import require_plane
 from fingermodel.scaling import mean_moment_arms, phalanx_lengths
 from fingermodel.session import Session
 
@@ -51,9 +52,13 @@ class Load:
         return muscles_of(self.masses_g)
 
     def ratios(self, *, measured: bool = False, plane: Plane = "space") -> dict[str, float | None]:
-        """Tension and bone force over tip force, as published, and tip and bone force over tension."""
+        """Tension and bone force over tip force, as published, and tip and bone force over tension.
+
+        Raises:
+            InputError: there is no such plane.
+        """
         forces = (self.measured_tip_N, self.measured_bone_N) if measured else (self.tip_N, self.bone_N)
-        axes = 2 if plane == "sagittal" else 3
+        axes = 2 if require_plane(plane) == "sagittal" else 3
         tip, bone = (None if f is None else float(np.linalg.norm(f[:axes])) for f in forces)
         return {
             "tension_to_tip": over(self.tension_N, tip),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import doctest
 import importlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import fingermodel
 import fingertwin
 import server
 from fingermodel import InputError, Session, add, compare, predict, read_finger, read_revision, refit, save
+from fingermodel.diagnosis.session_model.session import session_of
 from tests.contracts.test_layers import loaded_by
 
 ROOT = Path(__file__).parents[2]
@@ -146,6 +148,37 @@ def test_columns_of_a_comparison_are_its_cases(session: Session) -> None:
     )
     with pytest.raises(InputError, match="no load case of validation/toe"):
         comparison.rmse_N("validation/toe")
+
+
+@pytest.mark.parametrize(
+    ("plane", "hint"),
+    [("Sagittal", " Did you mean sagittal?"), ("frontal", ""), ("", ""), ("spaec", " Did you mean space?")],
+)
+def test_a_plane_that_there_is_not_is_refused(session: Session, plane: str, hint: str) -> None:
+    comparison = compare(session)
+    asked: list[Callable[[], object]] = [
+        lambda: refit(session, plane=plane),  # type: ignore[arg-type]
+        lambda: comparison.rmse_N("validation/tip", plane=plane),  # type: ignore[arg-type]
+        lambda: comparison.errors(plane),
+        lambda: comparison.cases[0].z_in(plane),  # type: ignore[arg-type]
+        lambda: session_of(session.model, session.observations, plane),  # type: ignore[arg-type]
+    ]
+    for ask in asked:
+        with pytest.raises(InputError) as caught:
+            ask()
+        assert str(caught.value) == f"plane {plane!r}; expected sagittal or space.{hint}"
+
+
+def test_one_name_is_no_list_of_effects(session: Session) -> None:
+    for effects in ("hanger_mass", Path("own.yaml")):
+        with pytest.raises(InputError, match=f"effects is '{effects}'; expected a list of effects or of their files"):
+            Session.of(session.measured, effects=effects)  # type: ignore[arg-type]
+    with pytest.raises(
+        InputError, match=r"without is 'hanger_mass'; expected a list of effects\. Give \['hanger_mass'\]"
+    ):
+        add(session, without="hanger_mass")
+    with pytest.raises(InputError, match="hanger_mass is an effect of the catalogue"):
+        Session.of(session.measured, effects=["hanger_mass"])
 
 
 def test_forces_of_a_finger_are_those_of_its_name_and_double_with_the_load() -> None:

@@ -22,7 +22,7 @@ from fingermodel.diagnosis.session_model.case_noise import CaseErrors, CaseNoise
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
 from fingermodel.diagnosis.session_model.reading_changes import LinearisedErrors, ReadingChanges, is_smooth
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
-from fingermodel.fingers import Plane
+from fingermodel.fingers import Plane, require_plane
 from fingermodel.fitting.problems import Problem, require_rows, weighted_problem
 from fingermodel.fitting.roots import root_of
 from fingermodel.model import Model
@@ -201,8 +201,9 @@ def session_of(
 
     Raises:
         SessionError: no identification case, or a reading without any uncertainty.
+        InputError: there is no such plane.
     """
-    chosen = plane or model.finger.judged_in
+    chosen = model.finger.judged_in if plane is None else require_plane(plane)
     rows, fitted = _rows_of(observations, chosen)
     require_rows(rows[fitted])
     hung = np.asarray(observations.inputs.tension)[rows[fitted] // 6]
