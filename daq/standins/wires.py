@@ -157,9 +157,22 @@ class PtyWire:
         name = os.ttyname(self._theirs)
         self.address = name
         if self._link:
-            Path(self._link).unlink(missing_ok=True)
-            Path(self._link).symlink_to(name)
+            self._take_link_away()
+            try:
+                Path(self._link).symlink_to(name)
+            except OSError as error:
+                self.close()
+                raise DriverError(
+                    f"the link {self._link} cannot be made ({error.strerror})",
+                    "a path in a folder that can be written, where nothing is but an earlier link",
+                    "Choose another --link",
+                ) from error
             self.address = self._link
+
+    def _take_link_away(self) -> None:
+        """Remove the link; what is no link is a file of the user's."""
+        if self._link and Path(self._link).is_symlink():
+            Path(self._link).unlink(missing_ok=True)
 
     def receive(self) -> bytes:
         """Return the bytes that the host sent."""
@@ -178,8 +191,7 @@ class PtyWire:
         for end in (self._ours, self._theirs):
             with contextlib.suppress(OSError):
                 os.close(end)
-        if self._link:
-            Path(self._link).unlink(missing_ok=True)
+        self._take_link_away()
 
     def close(self) -> None:
         """Close both ends."""

@@ -148,3 +148,22 @@ def test_readings_at_another_rate_follow_the_same_course() -> None:
     assert np.diff(t_s) == pytest.approx(0.01)
     assert (t_s[0], t_s[-1]) == pytest.approx((0.0, 3.96))
     assert np.concatenate([b.wrench[:, 2] for b in fast]) == pytest.approx(np.sin(t_s), abs=3e-4)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
+def test_a_link_takes_the_place_of_an_earlier_link_and_of_nothing_else(tmp_path: Path) -> None:
+    mine, link, folder = tmp_path / "data.txt", tmp_path / "cell", tmp_path / "folder"
+    mine.write_text("important")
+    folder.mkdir()
+    for taken in (mine, folder, tmp_path / "none" / "cell"):
+        with pytest.raises(DriverError, match=f"the link {taken} cannot be made"):
+            PtyWire(str(taken))
+    assert (mine.read_text(), folder.is_dir()) == ("important", True)
+    link.symlink_to("/dev/gone")
+    wire = PtyWire(str(link))
+    assert link.resolve().is_char_device()
+    # What took the link's place meanwhile is the user's.
+    link.unlink()
+    link.write_text("mine")
+    wire.close()
+    assert link.read_text() == "mine"
