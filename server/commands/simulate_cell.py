@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -25,6 +26,8 @@ from daq.standins.wires import PtyWire, TcpWire, UdpWire, Wire
 from fingermodel.fingers.files import read_finger
 from server.commands.console import answer, say, table
 from server.commands.log import given_settings
+
+LAST_PORT = 65535
 
 
 @dataclass(frozen=True)
@@ -69,12 +72,15 @@ def simulate_cell(
     options: Options, faults: dict[str, float | bool | int], disturbed: dict[str, float], json: str | None
 ) -> None:
     """Play readings as a device until they are over, the time is, or Ctrl-C."""
-    wrong = [name for name, value in faults.items() if not isinstance(value, bool) and not value >= 0]
-    if wrong or options.rate_hz <= 0 or (options.seconds is not None and options.seconds <= 0):
-        what = wrong[0].replace("_", "-") if wrong else "rate or seconds"
-        raise InputError(
-            f"{what} is below zero, or is zero where it may not be", "0 or more, a rate and a time above 0"
-        )
+    for name, value in faults.items():
+        if not 0 <= value < math.inf:
+            raise InputError(f"{name.replace('_', '-')} is {value:g}", "a number, 0 or more")
+    if not 0 < options.rate_hz < math.inf:
+        raise InputError(f"--rate-hz {options.rate_hz:g}", "a rate above 0")
+    if not 0 <= options.port <= LAST_PORT:
+        raise InputError(f"--port {options.port}", f"0 to {LAST_PORT}", "0 takes any free one")
+    if options.seconds is not None and not options.seconds > 0:
+        raise InputError(f"--seconds {options.seconds:g}", "a time above 0")
     disturbance = Disturbance(**disturbed)
     device = stand_in(options.device)()
     device.set_up(given_settings(options.settings))
@@ -87,7 +93,9 @@ def simulate_cell(
                 PtyWire(options.link) if kind == "pty" else (UdpWire if kind == "udp" else TcpWire)(options.port)
             )
         except OSError as error:
-            raise InputError(f"port {options.port} cannot be had ({error.strerror})", "a free port, or 0") from error
+            what = "a pseudo-terminal" if kind == "pty" else f"port {options.port}"
+            remedy = "" if kind == "pty" else "--port 0 takes any free one"
+            raise InputError(f"{what} cannot be had ({error.strerror})", "a free one", remedy) from error
         settings = device.driver_settings
         command = _log_with(options.device, wire.address, settings)
         said = {"device": options.device, "address": wire.address, "settings": settings, "log_with": command}

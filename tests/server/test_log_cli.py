@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
 import time
@@ -121,7 +122,12 @@ def test_gauge_volts_are_played_and_logged_by_a_calibration_of_the_users_own(
         (["gauge-volts", "--set", "calibration"], "expected NAME=VALUE"),
         (["gauge-volts", "--noise-N", "-1"], "noise-N is -1"),
         (["gauge-volts", "--noise-N", "1", "--noise-correlation", "1"], "noise-correlation is 1"),
-        (["gauge-volts", "--flip-per-s", "nan"], "flipped-per-s is below zero"),
+        (["gauge-volts", "--flip-per-s", "nan"], "flipped-per-s is nan; expected a number, 0 or more"),
+        (["gauge-volts", "--rate-hz", "0"], "--rate-hz 0; expected a rate above 0"),
+        (["gauge-volts", "--rate-hz", "nan"], "--rate-hz nan; expected a rate above 0"),
+        (["gauge-volts", "--seconds", "-1"], "--seconds -1; expected a time above 0"),
+        (["gauge-volts", "--port", "99999"], "--port 99999; expected 0 to 65535"),
+        (["ati-netft", "--port", "-3"], "--port -3; expected 0 to 65535"),
     ],
 )
 def test_what_cannot_be_played_is_said_in_one_line(
@@ -132,6 +138,16 @@ def test_what_cannot_be_played_is_said_in_one_line(
     assert (code, text) == (2, "")
     assert said in err
     assert err.count("\n") == 1
+
+
+def test_a_port_that_is_taken_is_said_in_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        code, text, err = run(capsys, monkeypatch, "simulate-cell", "gauge-volts", "--wire", "tcp", "--port", port)
+    assert (code, text, err.count("\n")) == (2, "", 1)
+    assert f"port {port} cannot be had" in err
 
 
 def test_a_recording_is_logged_as_it_is(
