@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,20 @@ def find_session(path: str | Path) -> Path:
         f"a session's folder, its {SESSION_FILE}, or a shipped one by name",
         hint or "Shipped sessions lie in data/sessions",
     )
+
+
+def require_once(sessions: Sequence[str]) -> None:
+    """Refuse a session that is given twice, also where it is named once by its folder: its cases would count twice.
+
+    Raises:
+        SessionError: one is, or there is none of a name.
+    """
+    files = set()
+    for session in sessions:
+        file = find_session(session).resolve()
+        if file in files:
+            raise SessionError(f"session {session} is given twice", "each session once")
+        files.add(file)
 
 
 def read_session(path: str | Path) -> Session:

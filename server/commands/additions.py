@@ -8,6 +8,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.files import require_writable
 from daq.quoting import quoted
+from daq.sessions import require_once
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
 from fingermodel.effects.formula_tree import near
 from fingermodel.model_files import free_path, require_new
@@ -38,8 +39,7 @@ def add_to_sessions(
         raise InputError(f"{session} is no session", "effects first, then the session", right)
     if shared and (out is not None or model is not None):
         raise InputError("--shared with --out or --model", "neither: each session has a model of its own")
-    if len({session, *shared}) <= len(shared):
-        raise InputError("a session is given twice", "each session once")
+    require_once([session, *shared])
     if out is not None:
         require_new(out)
     require_writable(out or Path("models"), folder=out is None)

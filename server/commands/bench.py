@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from daq.checks import measure_and_check
 from daq.findings import warnings_by_session
-from daq.sessions import read_session
+from daq.sessions import read_session, require_once
 from daq.signals.friction import friction
 from server.application.checking import check_whole
 from server.commands.console import answer, progress, say, table
@@ -34,6 +34,7 @@ def check_session(session: str, json: str | None) -> int:
 
 def friction_of(sessions: list[str], json: str | None) -> None:
     """Balance forces at tip and bone over sessions."""
+    require_once(sessions)
     with progress("Reading"):
         checked = [measure_and_check(read_session(s)) for s in sessions]
         result = friction([measured for measured, _ in checked])

@@ -9,6 +9,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.files import require_writable
 from daq.quoting import quoted
+from daq.sessions import require_once
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session
@@ -33,9 +34,7 @@ def diagnose_sessions(
     law: Path | None,
 ) -> None:
     """Diagnose several sessions and what they share; write the best law that they share, where that is asked for."""
-    if len(set(sessions)) < len(sessions):
-        twice = next(s for s in sessions if sessions.count(s) > 1)
-        raise InputError(f"session {twice} is given twice", "each session once")
+    require_once(sessions)
     if not 0 <= permutations <= MOST_PERMUTATIONS:
         raise InputError(
             f"--permutations {permutations}", f"0 to {MOST_PERMUTATIONS}", "199 show one chance in a hundred"

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from daq.locations import data_dir
 from daq.sessions import session_names
 from tests.server.command_line import (
     H01,
@@ -198,6 +199,12 @@ def test_friction_says_first_what_the_check_warns_of(tmp_path: Path) -> None:
 
 def test_friction_without_a_pair(tmp_path: Path) -> None:
     refused("friction", altered(tmp_path, kept(lambda c: c["location"] == "tip")), saying=H01)
+
+
+def test_friction_counts_no_session_twice() -> None:
+    refused("friction", H01, SPECIMENS[1], H01, saying=f"session {H01} is given twice; expected each session once")
+    folder = str(data_dir() / "sessions" / H01)
+    refused("friction", H01, folder, saying=f"session {folder} is given twice")
 
 
 def test_friction_that_the_session_asks_for(tmp_path: Path) -> None:

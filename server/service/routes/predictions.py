@@ -71,9 +71,11 @@ def friction(
     session: Annotated[list[str], Query(min_length=1, max_length=50, description="One or more sessions.")],
 ) -> JsonAnswer:
     """Find the friction factor by force balance (Synek et al. 2019, Eq 1): per case, specimen and pooled."""
+    if len(set(session)) < len(session):
+        raise ProblemError(422, "a session twice", "each session once")
     parts = of(request)
     found, warned = [], []
-    for name in dict.fromkeys(session):
+    for name in session:
         measured = parts.measuring.of(name)
         if not measured.record.closed:
             raise ProblemError(409, f"session {name} is still running", "a session that its bench has closed")

@@ -239,6 +239,7 @@ def test_work_on_an_empty_session_is_refused_at_once(service: ServiceReceiver, w
         ("/api/v1/sessions/H01/cases/%F0%9F%98%80", 404),
         ("/api/v1/friction?session=%ED%A0%80", 404),
         ("/api/v1/friction?session=%00", 400),
+        ("/api/v1/friction?session=H01&session=H01", 422),
         ("/api/v1/fingers/..%2F..%2Fpyproject", 404),
         ("/api/v1/effects/hanger_mass.m0", 404),
         ("/api/v1/revisions/none/document", 404),
