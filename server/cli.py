@@ -25,6 +25,7 @@ from server.cli_options import (
     effects_like,
     sessions_like,
 )
+from server.commands.console import refuse_useless
 from server.interrupts import lost_interrupts_repeated
 from server.leaving import INTERRUPTED
 
@@ -155,8 +156,11 @@ def diagnose(
         typer.Option(metavar="FILE", help="Score these predictions of `next --freeze`; by default those in models."),
     ] = None,
     permutations: Annotated[
-        int, typer.Option(metavar="N", help="With several sessions, hold what they share against so many shuffles.")
-    ] = 199,
+        int | None,
+        typer.Option(
+            metavar="N", help="With several sessions, hold what they share against so many shuffles; by default 199."
+        ),
+    ] = None,
     law: Annotated[
         Path | None,
         typer.Option(
@@ -170,12 +174,12 @@ def diagnose(
     if len(sessions) > 1:
         from server.commands.pooling import diagnose_sessions
 
+        refuse_useless("with several sessions", "one session", frozen=frozen)
         diagnose_sessions(sessions, model, thorough, effect or [], figures, json, permutations, law)
         return
-    if law is not None:
-        raise InputError("--law with one session", "several sessions, which may share a law")
     from server.commands.diagnosis import diagnose_session
 
+    refuse_useless("with one session", "several sessions", law=law, permutations=permutations)
     diagnose_session(sessions[0], model, thorough, effect or [], frozen, figures, json)
 
 
@@ -195,6 +199,8 @@ def next_load_cases(
     """Find the load cases that would best tell the remaining explanations apart."""
     from server.commands.planning import next_cases
 
+    if not freeze:
+        refuse_useless("without --freeze", "--freeze beside it", out=out)
     next_cases(session, model, effect or [], freeze, out, json)
 
 

@@ -9,6 +9,7 @@ import typer
 
 from daq.errors import InputError
 from server.cli_options import BENCH, Json, ModelOption, ServiceOption, app
+from server.commands.console import refuse_useless
 
 
 @app.command(rich_help_panel=BENCH)
@@ -63,6 +64,10 @@ def log(
         return
     about = {"model": cell, "serial": serial, "calibration": calibration}
     given = {key: value for key, value in about.items() if value is not None}
+    if to is None:
+        refuse_useless("without --to", "--to URL beside it", session=session)
+    if protocol is None:
+        refuse_useless("without --protocol", "--protocol beside it", model=model)
     settings = tuple(setting or ())
     options = LogOptions(
         driver, port, baud, settings, out, seconds, given, protocol, setup, model, to, session, resume, copy_to
@@ -87,6 +92,8 @@ def replay(
     """Stream a recorded session to a service, through the same decoder and journal as a load cell."""
     from server.commands.log import replay_session
 
+    if to is None:
+        refuse_useless("without --to", "--to URL beside it", session=session)
     replay_session(recording, to, session, speed, out, json)
 
 

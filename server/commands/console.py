@@ -53,6 +53,22 @@ def answer(command: str, body: dict[str, Any], json_file: str | None) -> bool:
     return False
 
 
+def refuse_useless(why: str, expected: str, **options: object) -> None:
+    """Refuse options that would change nothing, so that none is ignored in silence.
+
+    Args:
+        why: nothing would change, such as "without --to".
+        expected: what gives them an effect.
+        options: by name; None or an empty list was not given.
+
+    Raises:
+        InputError: one is given.
+    """
+    for name, value in options.items():
+        if value is not None and value != []:
+            raise InputError(f"--{name} {why} has no effect", expected, "Leave it out otherwise")
+
+
 def say(text: str = "") -> None:
     """Print a line of text; on a terminal, sentences break between words, so that no number is cut.
 

@@ -22,7 +22,7 @@ from daq.sessions import find_session, read_session, whole_document
 from daq.uplink.link import address_of
 from server.bench.ending import Told, ended_by_signals
 from server.commands.closing_copy import Closed, copied_at_end
-from server.commands.console import answer, say, table
+from server.commands.console import answer, refuse_useless, say, table
 from server.commands.forwarding import Delivery, forwarding
 from server.commands.log_bench import log_bench
 from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
@@ -74,6 +74,9 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
     Raises:
         InputError: a setting, the port, the device or the journal cannot be used; what was logged is kept.
     """
+    cell = _cell(options)
+    if cell.link != "serial":
+        refuse_useless(f"with --driver {options.driver}", "a driver of a serial port", baud=options.baud)
     if options.out is None:
         raise InputError("no --out", "the folder that the log goes to")
     if options.seconds is not None and options.seconds <= 0:
@@ -82,7 +85,6 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
         address_of(options.to)  # before a folder is made
     if options.out.is_dir() and not any(options.out.iterdir()):
         close_to_others(options.out)  # made for this log; what holds other things already is left as it is
-    cell = _cell(options)
     acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
     with copied_at_end(options.copy_to, quiet=json == "-") as closed:
         if options.protocol is not None or options.setup is not None or options.resume:

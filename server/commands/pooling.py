@@ -10,6 +10,7 @@ from daq.errors import InputError
 from daq.files import require_writable
 from daq.quoting import quoted
 from daq.sessions import require_once
+from fingermodel.diagnosis.settings import PERMUTATIONS
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session
@@ -30,11 +31,12 @@ def diagnose_sessions(
     effects: list[str],
     figures: Path | None,
     json: str | None,
-    permutations: int,
+    permutations: int | None,
     law: Path | None,
 ) -> None:
     """Diagnose several sessions and what they share; write the best law that they share, where that is asked for."""
     require_once(sessions)
+    permutations = PERMUTATIONS if permutations is None else permutations
     if not 0 <= permutations <= MOST_PERMUTATIONS:
         raise InputError(
             f"--permutations {permutations}", f"0 to {MOST_PERMUTATIONS}", "199 show one chance in a hundred"

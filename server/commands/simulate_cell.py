@@ -24,7 +24,7 @@ from daq.standins.run import Player
 from daq.standins.simulated import SimulatedCell
 from daq.standins.wires import PtyWire, TcpWire, UdpWire, Wire
 from fingermodel.fingers.files import read_finger
-from server.commands.console import answer, say, table
+from server.commands.console import answer, refuse_useless, say, table
 from server.commands.log import given_settings
 
 LAST_PORT = 65535
@@ -87,6 +87,10 @@ def simulate_cell(
     kind = options.wire or ("udp" if device.datagrams else "pty" if hasattr(os, "openpty") else "tcp")
     if device.datagrams != (kind == "udp"):
         raise InputError(f"{options.device} on {kind}", "udp" if device.datagrams else "pty or tcp")
+    if kind == "pty":
+        refuse_useless("with a pseudo-terminal", "--wire tcp", port=options.port or None)
+    else:
+        refuse_useless(f"with --wire {kind}", "a pseudo-terminal", link=options.link)
     with _readings(options) as blocks:
         try:
             wire: Wire = (

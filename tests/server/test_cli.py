@@ -243,6 +243,34 @@ def test_a_file_that_cannot_be_used_is_told_before_anything_is_computed(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "models"]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["next", RAW, "--out", "x"], "--out without --freeze"),
+        (["diagnose", RAW, "DEV-02", "--frozen", "foo.json"], "--frozen with several sessions"),
+        (["diagnose", RAW, "--permutations", "0"], "--permutations with one session"),
+        (["diagnose", RAW, "--law", "law.yaml"], "--law with one session"),
+        (["log", "--driver", "replay", "--port", RAW, "--out", "x", "--model", "m.json"], "--model without --protocol"),
+        (["log", "--driver", "replay", "--port", RAW, "--out", "x", "--session", "s"], "--session without --to"),
+        (["log", "--driver", "replay", "--port", RAW, "--out", "x", "--baud", "9600"], "--baud with --driver replay"),
+        (["replay", RAW, "--session", "s"], "--session without --to"),
+        (["simulate-cell", "gauge-volts", "--wire", "tcp", "--link", "x"], "--link with --wire tcp"),
+        (["simulate-cell", "ati-netft", "--link", "x"], "--link with --wire udp"),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(*arguments, saying=f"{said} has no effect; expected ")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
+def test_a_pseudo_terminal_has_no_port() -> None:
+    refused("simulate-cell", "gauge-volts", "--port", "5000", saying="--port with a pseudo-terminal has no effect")
+
+
 def full_disk(*_: object) -> NoReturn:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

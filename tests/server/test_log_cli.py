@@ -176,7 +176,7 @@ def test_a_recording_is_logged_as_it_is(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--driver", "foo", "--out", "x"], "no driver 'foo'"),
+        (["--driver", "foo"], "no driver 'foo'"),
         (["--driver", "robotiq-ft300", "--out", "x"], "the cell's serial number or calibration is not stated"),
         (["--driver", "replay", "--port", "nothing.csv", "--out", "x"], "nothing.csv cannot be read"),
         (["--driver", "replay", "--port", "a.csv"], "no --out"),
