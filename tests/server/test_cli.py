@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
+import typer
 
 from daq.locations import data_dir
+from server import cli
 from tests.server.command_line import COMMANDS, H01, RAW, Document, altered, keys, refused, run, started, strict
 
 # Help, version and arguments
@@ -35,6 +37,17 @@ def test_help_of_a_command_lists_its_options(command: str, options: str) -> None
     answer = run(command, "--help")
     assert (answer.code, answer.err) == (0, "")
     assert [o for o in options.split() if o not in answer.out] == []
+
+
+def test_every_command_but_the_demo_answers_as_json() -> None:
+    left, without = [("fingertwin", typer.main.get_command(cli.app))], []
+    while left:
+        name, command = left.pop()
+        parts = getattr(command, "commands", {})
+        left += parts.items()
+        if not parts and not any("--json" in p.opts for p in command.params):
+            without.append(name)
+    assert without == ["demo"]
 
 
 def test_help_of_export_says_that_a_finger_for_other_programs_comes_of_no_session() -> None:
