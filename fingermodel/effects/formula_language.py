@@ -201,8 +201,8 @@ def require_dimensions(formula: Formula, units: Mapping[str, Unit], where: str) 
         wanted = formula.target.dimension if formula.operator == "+=" else NUMBER
         if given not in (None, wanted):
             owner = f"the unit of {formula.target}" if formula.operator == "+=" else "a factor"
-            used = [f"{n} ({d})" for n, d in measures.items() if n in formula.names and n in units]
-            remedy = f"Correct the formula, or the unit of {', '.join(used)}" if used else ""
+            used = [f"{n} is in {d}" for n, d in measures.items() if n in formula.names and n in units]
+            remedy = f"Correct the formula; {', '.join(used)}, and an effect file can give another unit" if used else ""
             raise ModelError(f"has a right-hand side in {given}", f"{wanted}, {owner}", remedy)
     except ModelError as fault:
         raise about(formula.text, where, fault) from None

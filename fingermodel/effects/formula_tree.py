@@ -228,6 +228,6 @@ def _common(parts: list[ast.expr], found: list[Dimension | None]) -> Dimension |
             raise ModelError(
                 f"puts {ast.unparse(known[0][0])} in {known[0][1]} beside {ast.unparse(part)} in {d}",
                 "terms of one unit",
-                "Correct the formula, or the unit of a parameter",
+                "Correct the formula; an effect file can give a parameter another unit",
             )
     return known[0][1] if known else None

@@ -197,7 +197,7 @@ def test_units_that_go_together(unit: str, formula: str) -> None:
         (
             "mm",
             "torque[PIP] += k",
-            "expected N mm, the unit of torque[PIP]. Correct the formula, or the unit of k (mm)",
+            "expected N mm, the unit of torque[PIP]. Correct the formula; k is in mm, and an effect file",
         ),
         ("mm", "torque[PIP] *= 1 + k", "puts 1 in 1 (a number, angle or share) beside k in mm"),
         ("mm", "torque[PIP] *= k", "expected 1 (a number, angle or share), a factor"),
