@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import date
 from typing import Annotated, Any, NoReturn
@@ -42,8 +43,8 @@ AXIS_NAMES: Mapping[str, tuple[float, float, float]] = {
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return "Did you mean …?" for the nearest of the known words, or nothing."""
     lower = {k.lower(): k for k in known}
-    # Exchanged letters are the commonest slip, and the shortest words look alike to difflib.
-    near = [k for k in lower if same_letters(k, str(word))]
+    # Exchanged letters and left-out zeros are the commonest slips, and the shortest words look alike to difflib.
+    near = [k for k in lower if same_letters(k, str(word)) or _without_zeros(k) == _without_zeros(str(word))]
     near = near or difflib.get_close_matches(str(word).lower(), lower, n=1, cutoff=0.6)
     return f"Did you mean {lower[near[0]]}?" if near else ""
 
@@ -51,6 +52,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def same_letters(a: str, b: str) -> bool:
     """Return whether two words are the same but for case and the order of their letters."""
     return sorted(a.lower()) == sorted(b.lower())
+
+
+def _without_zeros(word: str) -> str:
+    """Return a word in small letters, its numbers without zeros before them."""
+    return re.sub(r"(?<!\d)0+(?=\d)", "", word.lower())
 
 
 def refuse(found: str, expected: str = "", remedy: str = "", at: Sequence[str | int] = ()) -> NoReturn:

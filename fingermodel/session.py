@@ -199,8 +199,9 @@ class Session:
         added = self.loaded.added
         unknown = [name for name in effects if not any(_belongs(p, [name]) for p in added)]
         if unknown:
-            has = ", ".join(sorted({p.split(".")[0] for p in added})) or "none: it has no effect"
-            raise InputError(f"the model has no {unknown[0]} to take out", f"one of {has}")
+            has = ", ".join(sorted({p.split(".")[0] for p in added}))
+            expected = f"one of {has}" if has else "a model with an effect: this one has none"
+            raise InputError(f"the model has no {unknown[0]} to take out", expected)
         return tuple(p for p in added if not _belongs(p, effects))
 
 

@@ -308,13 +308,14 @@ def main() -> None:
         sys.stdout.reconfigure(errors="replace")  # where an encoding lacks a letter, a ? does
     try:
         with lost_interrupts_repeated():
-            code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+            code = app(sys.argv[1:] or ["--help"], prog_name="fingertwin", standalone_mode=False)
     except InputError as error:
         _fail(str(error), AGAIN_LATER if isinstance(error, LaterError) else 2)
     except TyperException as error:
-        text = error.format_message() if hasattr(error, "format_message") else str(error)
-        text = " ".join(text.replace("Value error, ", "").split()).rstrip(".")
-        _fail(f"{text}. Try 'fingertwin --help'.", 2)
+        text = " ".join(error.format_message().replace("Value error, ", "").split()).rstrip(".")
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "fingertwin"
+        _fail(f"{text}{'' if text.endswith('?') else '.'} Try '{command} --help'.", 2)
     except SystemExit as ended:
         # Typer ends with 1 where the reader of our output has gone: nothing is wrong.
         raise SystemExit(0 if isinstance(ended.__context__, BrokenPipeError) else ended.code) from None

@@ -84,7 +84,9 @@ def replay(
     ] = None,
     speed: Annotated[
         str,
-        typer.Option(metavar="N|max", help="Play so many times faster than it was recorded, or as fast as possible."),
+        typer.Option(
+            metavar="N|max", help="Play so many times faster than it was recorded; max, or 0, is as fast as possible."
+        ),
     ] = "max",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the journal in this folder.")] = None,
     json: Json = None,

@@ -83,8 +83,10 @@ def test_version() -> None:
     ],
 )
 def test_an_argument_that_is_wrong_is_named(arguments: list[str], named: str) -> None:
-    line = refused(*arguments, saying=named, instead="Try 'fingertwin --help'.")
-    assert "Value error" not in line
+    # Of an option without its value, Typer does not say whose it is.
+    of = "" if arguments[0] == "comapre" or arguments[-1] == "--model" else f" {arguments[0]}"
+    line = refused(*arguments, saying=named, instead=f" Try 'fingertwin{of} --help'.")
+    assert not [odd for odd in ("Value error", "?.", "..") if odd in line]
 
 
 @pytest.mark.parametrize("command", ["compare", "refit", "friction", "export", "check"])
@@ -92,6 +94,7 @@ def test_an_argument_that_is_wrong_is_named(arguments: list[str], named: str) ->
     ("session", "said"),
     [
         ("synek2019_H04", "Did you mean synek2019_H0"),
+        ("DEV-2", "Did you mean DEV-02?"),
         ("no/such/folder", "no/such/folder"),
         ("", "session"),
         ("x" * 5000, "xxx"),

@@ -207,7 +207,10 @@ def test_next_ranks_cases_and_freezes_them(tmp_path: Path) -> None:
         (("add", "DEV-01", "hanger_mass"), "fingertwin add hanger_mass DEV-01"),
         (("add", "torque[PIP] += k * sqrt(t_EDC) * t_EDC", "DEV-01"), "torque[PIP]"),
         (("add", "torque[WRIST] += k * t_EDC", "DEV-01"), "WRIST"),
-        (("add", "DEV-01", "--without", "hanger_mass"), "no hanger_mass to take out"),
+        (
+            ("add", "DEV-01", "--without", "hanger_mass"),
+            "to take out; expected a model with an effect: this one has none.",
+        ),
         (("effects", "hangermass"), "hanger_mass"),
     ],
 )

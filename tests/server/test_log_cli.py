@@ -212,6 +212,13 @@ def test_the_list_of_drivers_has_settings_and_an_example_for_each(
     assert "--set counts_per_N=" in text
 
 
+def test_help_of_a_replay_says_what_a_speed_of_zero_means(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, text, _ = run(capsys, monkeypatch, "replay", "--help")
+    assert "max, or 0, is as fast as possible" in " ".join(text.split())
+
+
 def test_a_second_logger_on_the_same_journal_is_refused(
     recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
