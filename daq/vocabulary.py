@@ -25,6 +25,8 @@ ROTATION_TOLERANCE = 1e-6
 # No load cell tells so many N or N mm, in whatever unit its readings are; what is larger could not be squared.
 LARGEST = 1e12
 TELLABLE = f"a number that a load cell can tell, within ±{LARGEST:g}"
+# The largest friction correction c (tension = c m g) that may be stated; noise alone can lift it above 1.
+LARGEST_FACTOR = 1.5
 
 # Names for the axes of a mount, which are proximal, dorsal, radial.
 AXIS_NAMES: Mapping[str, tuple[float, float, float]] = {

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from daq.errors import InputError, ModelError
+from daq.vocabulary import LARGEST_FACTOR
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers import Finger as PlainFinger
 from fingermodel.fingers.files import read_finger
@@ -29,8 +30,7 @@ __all__ = ["PredictedForces", "Predictor", "predict"]
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, ArrayLike]
-# What a bench can be asked: friction correction c up to, gravity [m/s2], angles [deg], and masses [g] or tensions [N].
-MOST_FACTOR = 1.5
+# What a bench can be asked: gravity [m/s2], angles [deg], and masses [g] or tensions [N].
 GRAVITY_M_S2 = (5.0, 20.0)
 ANGLE_DEG = (-180.0, 180.0)
 MOST_LOAD = 1e6
@@ -113,8 +113,8 @@ def _weight_N_per_g(  # noqa: N802 - N is the unit
     predictor: Predictor, tension_factor: float | None, gravity_m_s2: float | None
 ) -> float:
     """What a gram pulls at the finger, friction included: as given, or as the predictor's session has it."""
-    if tension_factor is not None and not 0.0 < tension_factor <= MOST_FACTOR:
-        wanted = f"the friction correction c, above 0 and up to {MOST_FACTOR:g}"
+    if tension_factor is not None and not 0.0 < tension_factor <= LARGEST_FACTOR:
+        wanted = f"the friction correction c, above 0 and up to {LARGEST_FACTOR:g}"
         raise InputError(f"tension_factor {tension_factor:g}", wanted, "Leave it out for the session's own")
     if gravity_m_s2 is not None and not GRAVITY_M_S2[0] <= gravity_m_s2 <= GRAVITY_M_S2[1]:
         raise InputError(f"gravity_m_s2 {gravity_m_s2:g}", f"{GRAVITY_M_S2[0]:g} to {GRAVITY_M_S2[1]:g} m/s2, as 9.81")

@@ -17,6 +17,7 @@ from daq.sessions.rules import faults_between
 from daq.vocabulary import (
     EVENT_KINDS,
     JOINT_ANGLES,
+    LARGEST_FACTOR,
     LOCATIONS,
     ROLES,
     Angles,
@@ -249,7 +250,7 @@ class TensionEstimate(Strict):
 
 
 def _tension_factor(value: Any) -> Any:
-    wanted = "the friction correction c, 0 < c ≤ 1.5, or {estimate: force_balance}"
+    wanted = f"the friction correction c, 0 < c ≤ {LARGEST_FACTOR}, or {{estimate: force_balance}}"
     if isinstance(value, TensionEstimate):
         return value
     if isinstance(value, Mapping):
@@ -257,7 +258,7 @@ def _tension_factor(value: Any) -> Any:
             refuse(f"is {shown(dict(value))}", wanted)
         return TensionEstimate(estimate="force_balance")
     factor = number(value)
-    if not 0.0 < factor <= 1.5:
+    if not 0.0 < factor <= LARGEST_FACTOR:
         refuse(f"is {factor:g}", wanted)
     return factor
 

@@ -24,6 +24,7 @@ from daq.lab.proposals import OF_THE_FILE, grounds, propose_mapping
 from daq.lab.traces import as_recording
 from daq.quoting import quoted
 from daq.sessions import plain_document, read_session, read_yaml
+from daq.vocabulary import LARGEST_FACTOR
 from fingermodel.fingers import Finger
 from fingermodel.fingers.files import read_finger
 from fingermodel.session import Session
@@ -219,8 +220,8 @@ def _friction(text: str) -> float | dict[str, str]:
     if text.lower() == "estimate":
         return {"estimate": "force_balance"}
     factor = number(text)
-    if not 0.0 < factor <= 1.5:
-        raise InputError(f"a factor of {factor:g}", "0 < factor ≤ 1.5, such as 0.835, or 'estimate'")
+    if not 0.0 < factor <= LARGEST_FACTOR:
+        raise InputError(f"a factor of {factor:g}", f"0 < factor ≤ {LARGEST_FACTOR}, such as 0.835, or 'estimate'")
     return factor
 
 

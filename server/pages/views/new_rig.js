@@ -49,7 +49,7 @@ export function rig(fingers, sessions, from) {
     const lacks = [[specimen, "the specimen's pseudonym"], [side, "the side of the hand"]].find(([node]) => !node.value.trim());
     if (lacks) { lacks[0].focus(); throw new Error(`${lacks[1][0].toUpperCase()}${lacks[1].slice(1)} is not given.`); }
     const factor = friction.value.trim().replace(",", ".");
-    if (factor !== "estimate" && !(Number(factor) > 0 && Number(factor) <= 1)) { friction.focus(); throw new Error("Friction is a factor from 0 to 1, or the word estimate."); }
+    if (factor !== "estimate" && !(Number(factor) > 0 && Number(factor) <= 1.5)) { friction.focus(); throw new Error("Friction is a factor above 0 and up to 1.5, or the word estimate."); }
     const mounts = {};
     for (const place of ["tip", "bone"]) {
       mounts[place] = { frame: frames[place].value.trim() };

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fingermodel.predicting import ANGLE_DEG, GRAVITY_M_S2, MOST_FACTOR, MOST_LOAD
+from daq.vocabulary import LARGEST_FACTOR
+from fingermodel.predicting import ANGLE_DEG, GRAVITY_M_S2, MOST_LOAD
 from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
 from server.service.web.examples import EXAMPLES
 
@@ -40,7 +41,7 @@ class Asked(Form):
         float,
         Field(
             gt=0,
-            le=MOST_FACTOR,
+            le=LARGEST_FACTOR,
             description="Friction correction c: tension = c m g; of masses alone. A session states its own.",
         ),
     ] = 1.0

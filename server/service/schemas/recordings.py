@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from daq.vocabulary import LARGEST_FACTOR
 from server.service.figures.answer import Theme
 from server.service.schemas.common import SESSION_ID, Form, Plain, Shown
 from server.service.schemas.sessions import FolderFile, Name
@@ -93,7 +94,7 @@ class HeaderGiven(Form):
 
     specimen: SpecimenGiven
     finger: Annotated[str, Field(max_length=100)] = "an1979_middle"
-    tension_factor: Annotated[float, Field(gt=0.0, le=1.0)] | TensionEstimated
+    tension_factor: Annotated[float, Field(gt=0.0, le=LARGEST_FACTOR)] | TensionEstimated
     load_cell: CellGiven | None = None
     gravity_m_s2: Annotated[float | None, Field(ge=5.0, le=20.0)] = None
 

@@ -14,6 +14,7 @@ import pytest
 
 from daq.lab.drafts import posture_of
 from daq.sessions import plain_document, read_session, read_yaml
+from daq.vocabulary import LARGEST_FACTOR
 from server.service.uploads import new_sessions
 from tests.daq.lab_bombs import BOMBS
 from tests.server.lab import POSTURE, SOURCE, lab_files
@@ -193,8 +194,16 @@ def test_what_does_not_fit_the_recording_is_said(service: ServiceReceiver, whole
     assert "angles of minor_flexion are not known" in ask(service, f"{AT}/draft", 422, **bare, id="no")["detail"]
     sideless = whole | {"header": whole["header"] | {"specimen": {"id": "S1"}}}
     assert "side" in ask(service, f"{AT}/draft", 422, **sideless, id="no")["detail"]
+    slipped = whole | {"header": whole["header"] | {"tension_factor": 83.5}}
+    assert "tension_factor" in ask(service, f"{AT}/draft", 422, **slipped, id="no")["detail"]
     said = ask(service, f"{AT}/lay", 422, files=run, mapping=whole["mapping"], notes="FDX 1, hook, tip")["detail"]
     assert "line 1 of the notebook names 'FDX'" in said
+
+
+def test_a_friction_factor_is_limited_as_in_a_session(service: ServiceReceiver, whole: Any) -> None:
+    stated = whole["header"] | {"tension_factor": LARGEST_FACTOR}
+    draft = ask(service, f"{AT}/draft", **(whole | {"header": stated}), id="friction")
+    assert draft["cases"] > 0
 
 
 def bad() -> dict[str, tuple[bytes, str]]:
