@@ -110,7 +110,8 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
             out["truth_rmse_N"] = unseen.errors(unseen.judged_in).rmse_N
             # Of two, each must show beside the other.
             others = [add_effects(bench.model, bench.observations, [t], starts=1) for t in true if len(true) > 1]
-            least = known.log_evidence_gain - max((o.log_evidence_gain for o in others), default=0.0)
+            gains = [added.log_evidence_gain or 0.0 for added in (known, *others)]
+            least = gains[0] - max(gains[1:], default=0.0)
             out["truth_gain"] = float(np.round(least, 2))
     return out
 
