@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import httpx
 
 from daq.errors import InputError
-from fingertwin.client.exchange import Body, Exchange, path_of, reading
+from fingertwin.client.exchange import Body, Exchange, listed, path_of, reading
 from fingertwin.client.figures import figure, figure_names
 from fingertwin.client.files import fetched
 from fingertwin.client.jobs import Job, Progress, job_of, plain
@@ -162,8 +162,8 @@ class Client:
     ) -> Job[Body]:
         """Diagnose several sessions: each by itself, and what they share."""
         asked = {
-            "sessions": _ids(sessions), "model": model_name(model), "thorough": thorough, "effects": list(effects),
-            "timeout_s": timeout_s,
+            "sessions": _ids(sessions), "model": model_name(model), "thorough": thorough,
+            "effects": listed(effects, "effects"), "timeout_s": timeout_s,
         }  # fmt: skip
         return Job(self._exchange, self._exchange.post(path_of("diagnoses"), asked), plain)
 
@@ -187,8 +187,8 @@ class Client:
             timeout_s: after which the service gives the job up.
         """
         asked = {
-            "sessions": _ids(sessions), "effects": [list(names) for names in effects], "bootstrap": bootstrap,
-            "seed": seed, "model": model_name(model), "timeout_s": timeout_s,
+            "sessions": _ids(sessions), "effects": [listed(names, "a set of effects") for names in effects],
+            "bootstrap": bootstrap, "seed": seed, "model": model_name(model), "timeout_s": timeout_s,
         }  # fmt: skip
         return Job(self._exchange, self._exchange.post(path_of("populations"), asked), plain)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import quote
@@ -159,6 +159,17 @@ def reading(what: str) -> Iterator[None]:
             "that of this version",
             "Use client and service of one version",
         ) from error
+
+
+def listed(values: Sequence[str], what: str) -> list[str]:
+    """Return names as a list.
+
+    Raises:
+        InputError: it is one name.
+    """
+    if isinstance(values, str):
+        raise InputError(f"{what} is {values!r:.60}", "a list of names", f"Give [{values!r:.60}]")
+    return list(values)
 
 
 def path_of(*parts: str) -> str:

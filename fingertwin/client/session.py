@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from daq.errors import InputError
 from fingertwin.client.comparison import Comparison
-from fingertwin.client.exchange import Body, Exchange, path_of, reading
+from fingertwin.client.exchange import Body, Exchange, listed, path_of, reading
 from fingertwin.client.files import Check, Readings, fetched, format_of
 from fingertwin.client.findings import Finding, Fit, Plan
 from fingertwin.client.jobs import Job, finding_of, fit_of, plan_of, revision_of
@@ -111,7 +111,8 @@ class Session:
             timeout_s: after which the service gives the job up.
         """
         asked = {
-            "add": list(effects), "without": list(without), "model": model_name(model), "timeout_s": timeout_s,
+            "add": list(effects), "without": listed(without, "without"), "model": model_name(model),
+            "timeout_s": timeout_s,
         }  # fmt: skip
         return Job(self._exchange, self._exchange.post(self._path("revisions"), asked), revision_of)
 
@@ -131,7 +132,8 @@ class Session:
             timeout_s: after which the service gives the job up.
         """
         asked = {
-            "model": model_name(model), "thorough": thorough, "effects": list(effects), "timeout_s": timeout_s,
+            "model": model_name(model), "thorough": thorough, "effects": listed(effects, "effects"),
+            "timeout_s": timeout_s,
         }  # fmt: skip
         return Job(self._exchange, self._exchange.post(self._path("diagnoses"), asked), finding_of)
 
@@ -151,7 +153,8 @@ class Session:
             timeout_s: after which the service gives the job up.
         """
         asked = {
-            "freeze": freeze, "model": model_name(model), "effects": list(effects), "timeout_s": timeout_s,
+            "freeze": freeze, "model": model_name(model), "effects": listed(effects, "effects"),
+            "timeout_s": timeout_s,
         }  # fmt: skip
         return Job(self._exchange, self._exchange.post(self._path("next"), asked), plan_of)
 

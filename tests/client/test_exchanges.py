@@ -119,12 +119,30 @@ def test_whatever_answers_is_an_object_or_one_line(status: int, body: bytes) -> 
     assert isinstance(found, dict) or found == (status, "")
 
 
-def test_one_name_is_no_list_of_names() -> None:
-    transport, asked = scripted()
+@pytest.mark.parametrize(
+    ("ask", "line"),
+    [
+        (lambda twin: twin.diagnose("DEV-02"), "sessions is 'DEV-02'; expected a list of sessions. Give ['DEV-02']."),
+        (
+            lambda twin: twin.diagnose(["DEV-02"], effects="own"),
+            "effects is 'own'; expected a list of names. Give ['own'].",
+        ),
+        (
+            lambda twin: twin.population(["DEV-02"], ["hanger_mass"]),
+            "a set of effects is 'hanger_mass'; expected a list of names. Give ['hanger_mass'].",
+        ),
+        (
+            lambda twin: twin.sessions()[0].add(without="hanger_mass"),
+            "without is 'hanger_mass'; expected a list of names. Give ['hanger_mass'].",
+        ),
+    ],
+)
+def test_one_name_is_no_list_of_names(ask: Callable[[Client], object], line: str) -> None:
+    transport, asked = scripted(said({"sessions": [{"id": "DEV-02"}]}))
     with Client(URL, transport=transport) as twin, pytest.raises(InputError) as caught:
-        twin.diagnose("DEV-02")
-    assert one_line(caught.value) == "sessions is 'DEV-02'; expected a list of sessions. Give ['DEV-02']."
-    assert not asked
+        ask(twin)
+    assert one_line(caught.value) == line
+    assert [r.method for r in asked if r.method != "GET"] == []
 
 
 def test_pages_are_put_together() -> None:
