@@ -65,7 +65,7 @@ def simulate_session_at(
     acting = {name: value for name, value in fitted.items() if name in parameters.index} | dict(effects)
     session, wrenches = simulate_session(
         finger, planned, out, cell=SimulatedCell(rate_hz=rate_hz, noise_sd=(noise_N,) * 3 + (noise_N * 7.0,) * 3),
-        seed=seed, session_id=out.resolve().name, repeats=repeats, effects=held, truth=acting,
+        seed=seed, session_id=out.resolve().name, repeats=repeats, effects=held if acting else (), truth=acting,
         finger_name=finger.document["id"] if revision else None,
     )  # fmt: skip
     truth = {
