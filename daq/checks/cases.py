@@ -225,7 +225,9 @@ def tension_findings(measured: MeasuredSession) -> list[Finding]:
     out = []
     if found.above_one:
         pairs = f"{found.above_one} of {found.pairs} pairs of tip and bone cases pull more than the weights; {beside}"
-        out.append(finding("warning", "more_than_weights", "tension_factor", pairs, "friction takes from them", remedy))
+        out.append(
+            finding("warning", "more_than_weights", "tension_factor", pairs, "less, as friction leaves it", remedy)
+        )
     if abs(found.value - PUBLISHED_TENSION_FACTOR) > UNUSUAL_FACTOR:
         usual = f"{PUBLISHED_TENSION_FACTOR} ± {UNUSUAL_FACTOR:g}, as on published specimens"
         out.append(finding("warning", "unusual_tension_factor", "tension_factor", value, usual, remedy))
