@@ -28,16 +28,6 @@ def perform(run: BenchRun, command: str, argument: str = "") -> Events:
     return found(run, argument.strip())
 
 
-def perform_line(run: BenchRun, line: str) -> Events:
-    """Do what a line says: a command, and what belongs to it.
-
-    Raises:
-        InputError: as `perform`.
-    """
-    command, _, argument = line.strip().partition(" ")
-    return perform(run, command, argument)
-
-
 def _alone(do: Callable[[BenchRun], Events]) -> Callable[[BenchRun, str], Events]:
     """Refuse a word that would be passed over, such as a posture that is not the present step's."""
 

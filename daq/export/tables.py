@@ -57,23 +57,6 @@ _MEANINGS: Mapping[str, tuple[str | None, str]] = {
 }
 
 
-def export_cases(measured: MeasuredSession, path: str | Path) -> Path:
-    """Write the measured cases to CSV or Parquet, by the file's ending; the name appears when it is complete.
-
-    Forces and torques are in mount axes, right-hand-equivalent; the standard uncertainties include the tares'. What was
-    not read or states no uncertainty is empty.
-
-    Raises:
-        InputError: the ending is neither `.csv` nor `.parquet`.
-    """
-    file = Path(path)
-    ending = file.suffix.lower()
-    if ending not in (".csv", ".parquet"):
-        raise InputError(f"{file.name} ends in {ending!r}", "a name ending in .csv or .parquet")
-    write_columns(case_columns(measured), file, "csv" if ending == ".csv" else "parquet")
-    return file
-
-
 def write_columns(columns: Mapping[str, list[Any]], file: Path, file_format: str) -> None:
     """Write columns of one length as `csv` or `parquet`; the name appears when the file is complete.
 
@@ -113,7 +96,10 @@ def defused(value: Any) -> Any:
 
 
 def case_columns(measured: MeasuredSession) -> Mapping[str, list[Any]]:
-    """Return the table as columns; None is what is unknown."""
+    """Return the measured cases as columns, one row each; None is what was not read or states no uncertainty.
+
+    Forces and torques are in mount axes, right-hand-equivalent; the standard uncertainties include the tares'.
+    """
     session = measured.session
     angles: dict[str, dict[str, float]] = {}
     for name, posture in session.postures_deg.items():

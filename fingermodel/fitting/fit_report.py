@@ -318,5 +318,5 @@ def misfit_is_excessive(fit: Fit) -> bool:
     return fit.weighted and bool(chdtrc(fit.residuals, fit.objective) < 1e-3)
 
 
-def _few(names: list[str], count: int = 3) -> str:
-    return ", ".join(names[:count]) + (", …" if len(names) > count else "")
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (", …" if len(names) > 3 else "")

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from fingermodel.hood.network import Shape, Springs, energy, springs_of, stiffness_matrix, unbalanced
+from fingermodel.hood.network import Shape, Springs, springs_of, stiffness_matrix, unbalanced
 from fingermodel.hood.parts import Network
 
 STEPS = 100
@@ -128,8 +128,3 @@ def solved(matrix: Array, right: Array) -> Array:
 def equilibria(network: Network, shape: Shape, pulls: Array) -> Settled:
     """Settle many: shape and pulls with a leading axis on every field."""
     return jax.vmap(lambda s, p: equilibrium(network, s, p))(shape, pulls)
-
-
-def least_energy(network: Network, shape: Shape, pulls: Array) -> Array:
-    """Total potential energy at rest [N mm]."""
-    return energy(network, shape, pulls, settle(network, shape, pulls))

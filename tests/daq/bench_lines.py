@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from daq.bench.commands import perform_line
+from daq.bench.commands import perform
 from daq.bench.run import BenchRun
 from daq.errors import InputError
 from tests.daq.bench_plays import (
@@ -26,8 +26,9 @@ def bench(**changes: Any) -> Bench:
 
 def refused(played: Bench, line: str) -> str:
     """What a command that cannot be done says; it leaves no event."""
+    command, _, argument = line.partition(" ")
     with pytest.raises(InputError) as caught:
-        perform_line(played.run, line)
+        perform(played.run, command, argument)
     assert "\n" not in str(caught.value)
     before = len(played.said)
     played.play([])

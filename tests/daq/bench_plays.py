@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.acquisition.blocks import Chunk
-from daq.bench.commands import perform_line
+from daq.bench.commands import perform
 from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
 from daq.bench.resume import broken_off
@@ -151,7 +151,8 @@ class Bench:
         return self
 
     def press(self, line: str) -> None:
-        self._keep(perform_line(self.run, line))
+        command, _, argument = line.partition(" ")
+        self._keep(perform(self.run, command, argument))
 
     def kinds(self) -> list[str]:
         return [e.kind for e in self.said]
