@@ -204,6 +204,8 @@ def test_a_friction_factor_is_limited_as_in_a_session(service: ServiceReceiver, 
     stated = whole["header"] | {"tension_factor": LARGEST_FACTOR}
     draft = ask(service, f"{AT}/draft", **(whole | {"header": stated}), id="friction")
     assert draft["cases"] > 0
+    page = service.client().get("/pages/views/new_rig.js").text
+    assert f"Number(factor) <= {LARGEST_FACTOR})" in page
 
 
 def bad() -> dict[str, tuple[bytes, str]]:
