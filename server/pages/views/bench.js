@@ -311,7 +311,7 @@ class BenchPage {
     this.chip("mode", !state.begun && log !== null ? (log === "ended" ? "log ended" : log && "logging") : !state.begun ? (arriving ? "replaying" : arriving === undefined ? "" : state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
     const told = running || log === "runs" || log === "silent";
     this.chip("rate", told ? (!hz ? "no readings now" : `${Math.round(hz)} readings/s`) : "", told && !hz ? "warn" : "");
-    this.chip("gaps", stream ? `${stream.gaps} gaps${stream.lost_samples ? `, ${stream.lost_samples} lost` : ""}` : "", stream?.gaps ? "warn" : "");
+    this.chip("gaps", stream ? `${stream.gaps} ${stream.gaps === 1 ? "gap" : "gaps"}${stream.lost_samples ? `, ${stream.lost_samples} lost` : ""}` : "", stream?.gaps ? "warn" : "");
     const age = state.tare && !Number.isNaN(this.ring.lastS) ? Math.max(this.ring.lastS - state.tare.window_s[1], 0) : null;
     this.chip("tare", !running ? "" : state.tare ? `tare${age === null ? "" : ` ${seconds(age)} ago`}` : "no tare", running && !state.tare ? "warn" : "");
     const drift = state.drift;

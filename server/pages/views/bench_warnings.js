@@ -62,7 +62,7 @@ export function warningsOf({ bench, estimate, logging, overloaded, silentS, away
     add("outside", true, "Far from the prediction", "Leave it on and look: right tendon, right weight, nothing touching?", doubt || "");
   } else if (running && !said && doubt && estimate?.steady) add("doubt", true, "The force can hardly be right", "Leave it on and look before you confirm.", doubt);
   if (running && stream?.last_gap_s !== null && stream?.last_gap_s !== undefined && now - stream.last_gap_s < 20) {
-    add("gap", false, "Readings were lost", "Wait for a new plateau; if it happens again, look at the cable.", `${stream.lost_samples} readings in ${stream.gaps} gaps so far`);
+    add("gap", false, "Readings were lost", "Wait for a new plateau; if it happens again, look at the cable.", `${stream.lost_samples} readings in ${stream.gaps} ${stream.gaps === 1 ? "gap" : "gaps"} so far`);
   }
   if (running && bench.tare && tareAgeS > bench.tare.stale_after_s) add("stale", false, "The tare is old", "With the next weight off, tare again.", `taken ${seconds(tareAgeS)} ago`);
   return out;
