@@ -15,6 +15,7 @@ Every message is one line: what was found, what was expected, what to do.
 from __future__ import annotations
 
 import errno
+import os
 
 # Of OSError: full disks, too many open files, too little memory, a device that does not answer now.
 _LATER = ("ENOSPC", "EDQUOT", "EMFILE", "ENFILE", "ENOMEM", "EAGAIN", "EIO", "EBUSY", "ESTALE", "ETIMEDOUT")
@@ -65,3 +66,19 @@ class LaterError(InputError):
 
 class LinkLostError(Exception):
     """The device has gone while it was read or written."""
+
+
+def require_list(given: object, what: str, expected: str) -> None:
+    """Refuse one name or path where a list is expected: a text is a list of its letters.
+
+    Args:
+        given: the value.
+        what: its name, such as "effects".
+        expected: such as "a list of effects".
+
+    Raises:
+        InputError: it is one name or path.
+    """
+    if isinstance(given, str | os.PathLike):
+        name = os.fspath(given)
+        raise InputError(f"{what} is {name!r:.60}", expected, f"Give [{name!r:.60}]")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from daq.checks import measure_and_check
-from daq.errors import InputError
+from daq.errors import InputError, require_list
 from daq.sessions import read_session
 from fingermodel.compiled.compilation import prepare_jax
 
@@ -194,8 +194,7 @@ class Session:
         Raises:
             InputError: an effect is to be taken out that the model does not hold, or one name instead of a list.
         """
-        if isinstance(effects, str):
-            raise InputError(f"without is {effects!r:.60}", "a list of effects", f"Give [{effects!r:.60}]")
+        require_list(effects, "without", "a list of effects")
         added = self.loaded.added
         unknown = [name for name in effects if not any(_belongs(p, [name]) for p in added)]
         if unknown:
@@ -221,9 +220,7 @@ def held_effects(own: Sequence[Effect | str | os.PathLike[str]] = ()) -> tuple[E
     from fingermodel.effects.catalogue import CATALOGUE
     from fingermodel.effects.user import load_effect, shipped_effects
 
-    if isinstance(own, str | os.PathLike):
-        name = os.fspath(own)
-        raise InputError(f"effects is {name!r:.60}", "a list of effects or of their files", f"Give [{name!r:.60}]")
+    require_list(own, "effects", "a list of effects or of their files")
     loaded = [load_effect(Path(e)) if isinstance(e, str | os.PathLike) else e for e in own]
     given = [replace(e, outside=False) if e.outside and is_dataclass(e) else e for e in loaded]
     taken = {e.name for e in given}

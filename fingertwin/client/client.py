@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import httpx
 
-from daq.errors import InputError
+from daq.errors import require_list
 from fingertwin.client.exchange import Body, Exchange, listed, path_of, reading
 from fingertwin.client.figures import figure, figure_names
 from fingertwin.client.files import fetched
@@ -327,9 +327,7 @@ class Client:
 
 
 def _ids(sessions: Sequence[str | Session]) -> list[str]:
-    if isinstance(sessions, str | Session):
-        name = sessions.id if isinstance(sessions, Session) else sessions
-        raise InputError(f"sessions is {name!r}", "a list of sessions", f"Give [{name!r}]")
+    require_list(sessions.id if isinstance(sessions, Session) else sessions, "sessions", "a list of sessions")
     return [s.id if isinstance(s, Session) else s for s in sessions]
 
 

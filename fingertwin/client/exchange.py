@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 import httpx
 
-from daq.errors import InputError
+from daq.errors import InputError, require_list
 from daq.uplink.wire import API, retry_after_s
 from fingertwin.client.errors import ServiceError, ServiceUnreachableError
 
@@ -167,8 +167,7 @@ def listed(values: Sequence[str], what: str) -> list[str]:
     Raises:
         InputError: it is one name.
     """
-    if isinstance(values, str):
-        raise InputError(f"{what} is {values!r:.60}", "a list of names", f"Give [{values!r:.60}]")
+    require_list(values, what, "a list of names")
     return list(values)
 
 
