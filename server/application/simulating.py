@@ -16,6 +16,7 @@ from fingermodel.fingers.files import read_finger
 from fingermodel.model_files import load_model, read_revision
 from fingermodel.rig import rig_model, simulate_session
 from fingermodel.session import held_effects
+from fingermodel.stages import Effect
 from fingermodel.structure import ANY_LAYOUT
 
 
@@ -59,13 +60,17 @@ def simulate_session_at(
     planned = read_protocol(protocol)
     revision = read_revision(Path(model)) if Path(model).suffix == ".json" else None
     finger = revision.finger if revision else read_finger(model)
-    held = load_model(revision or finger, "", finger.id, None, ANY_LAYOUT, CERTIFICATE, held_effects()).model.effects
+    held: tuple[Effect, ...] = ()
+    if revision or effects:
+        # A rig without any effect needs no model of them.
+        loaded = load_model(revision or finger, "", finger.id, None, ANY_LAYOUT, CERTIFICATE, held_effects())
+        held = loaded.model.effects
     parameters = rig_model(finger, planned, held).parameters
     fitted = revision.effects if revision else {}
     acting = {name: value for name, value in fitted.items() if name in parameters.index} | dict(effects)
     session, wrenches = simulate_session(
         finger, planned, out, cell=SimulatedCell(rate_hz=rate_hz, noise_sd=(noise_N,) * 3 + (noise_N * 7.0,) * 3),
-        seed=seed, session_id=out.resolve().name, repeats=repeats, effects=held if acting else (), truth=acting,
+        seed=seed, session_id=out.resolve().name, repeats=repeats, effects=held, truth=acting,
         finger_name=finger.document["id"] if revision else None,
     )  # fmt: skip
     truth = {

@@ -97,15 +97,14 @@ class Addition:
         return f"<Addition of {', '.join(self.names)}: ln evidence {self.log_evidence_gain:+.1f}>"
 
 
-def _explanations(model: Model, names: Sequence[str], *, sagittal: bool, held: Sequence[str]) -> list[Explanation]:
+def _explanations(model: Model, names: Sequence[str], candidates: Candidates, *, sagittal: bool) -> list[Explanation]:
     """List what names may stand for together: each a candidate, or every candidate of an effect, in each of its forms.
 
     Raises:
         ModelError: a name that is none, an effect that this finger or session cannot have or the model has already, or
             names that cannot act together.
     """
-    every, candidates = (Candidates.of(model, sagittal=sagittal, held=had) for had in ((), held))
-    options = []
+    every, options = Candidates.of(model, sagittal=sagittal), []
     for name in names:
         named = [c for c in every.all if name in (c.name, c.effect)]
         if not named:
@@ -159,8 +158,8 @@ def add_effects(
     """
     session = session_of(model, observations, plane, held)
     sagittal = session.plane == "sagittal"
-    explanations = _explanations(model, names, sagittal=sagittal, held=held) if names else []
     candidates = Candidates.of(model, sagittal=sagittal, held=held)
+    explanations = _explanations(model, names, candidates, sagittal=sagittal) if names else []
     # An earlier fit changes nothing of what is minimised: a refit of a refitted model stays where it is.
     bad_cases = BadCases(Beginner(session, candidates))
     begun = bad_cases.all_out(bad_cases.grossly())
