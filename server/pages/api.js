@@ -32,14 +32,16 @@ export async function ask(path, { method = "GET", body, signal } = {}) {
   const text = body === undefined ? undefined : JSON.stringify(body);
   while (true) {
     let response;
+    let said = null;
     try {
       response = await fetch(`/api/v1${path}`, { method, signal, headers: { ...content, ...bearer() }, body: text });
+      if (response.status === 204) return null;
+      // A page that was left, or a connection that broke, within an answer: half of it is no answer.
+      said = await response.json();
     } catch (error) {
       if (error.name === "AbortError") throw error;
-      throw new Away();
+      if (!response || response.ok) throw new Away();
     }
-    if (response.status === 204) return null;
-    const said = await response.json().catch(() => null);
     if (response.ok) return said;
     // Who gives a token goes on where the question came up.
     if (response.status !== 401 || !(await askForToken(said?.detail || "It wants a token."))) throw new Refusal(response.status, said);

@@ -51,6 +51,24 @@ def added(url: str, searched: None) -> None:
             twin.session(SESSION).add("hanger_mass").result(timeout_s=240.0)
 
 
+# What a page makes of an answer whose second half never comes: it was left meanwhile, or the connection broke.
+HALF = """async (why) => {
+    const { get } = await import('/pages/api.js');
+    const fetched = window.fetch;
+    const error = why === 'left' ? new DOMException('left', 'AbortError') : new TypeError('network error');
+    window.fetch = async () => ({ ok: true, status: 200, json: async () => { throw error; } });
+    try { return `taken as ${JSON.stringify(await get('/sessions'))}`; }
+    catch (error) { return error.name === 'AbortError' ? 'left' : error.constructor.name; }
+    finally { window.fetch = fetched; }
+}"""
+
+
+@pytest.mark.parametrize(("why", "told"), [("left", "left"), ("broken", "Away")])
+def test_half_an_answer_is_no_answer(seen: Watched, why: str, told: str) -> None:
+    seen.open("", "Sessions")
+    assert seen.page.evaluate(HALF, why) == told
+
+
 def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_text("Nothing was searched for yet.").wait_for()
