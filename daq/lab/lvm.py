@@ -23,7 +23,9 @@ Floats = NDArray[np.float64]
 _BEGINS = "LabVIEW Measurement"
 # Bytes in which a file tells that it is one, also as UTF-16.
 LVM_BYTES = 2 * len(_BEGINS) + 2
-_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+# How a file begins that an editor saved as UTF-16, with its mark or without.
+_WIDE = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_WIDE |= {_BEGINS.encode(encoding): encoding for encoding in ("utf-16-le", "utf-16-be")}
 _END_OF_HEADER = "***End_of_Header***"
 _LONGEST_LINE = 1 << 20
 _SEGMENT_TAGS = ("Channels", "Samples", "Date", "Time", "Y_Unit_Label", "Y_Dimension", "X_Dimension", "X0", "Delta_X")
@@ -207,16 +209,19 @@ class LvmChannels(LabChannels):
 
 def is_lvm(start: bytes) -> bool:
     """Return whether a file begins as LabVIEW's text does."""
-    text = start.decode("utf-16" if start.startswith(_UTF16) else "utf-8-sig", "replace")
-    return text.startswith(_BEGINS)
+    return start.decode(_wide(start) or "utf-8-sig", "replace").startswith(_BEGINS)
+
+
+def _wide(start: bytes) -> str | None:
+    return next((encoding for mark, encoding in _WIDE.items() if start.startswith(mark)), None)
 
 
 def _opened(path: Path) -> IO[Any]:
     """Open a file for its lines: as bytes, since each may be in another code page, or as text where it is UTF-16."""
     stream = path.open("rb")
-    wide = stream.read(2) in _UTF16
+    wide = _wide(stream.read(LVM_BYTES))
     stream.seek(0)
-    return io.TextIOWrapper(stream, "utf-16", "replace", newline="\n") if wide else stream
+    return io.TextIOWrapper(stream, wide, "replace", newline="\n") if wide else stream
 
 
 def _number(text: str) -> float | None:

@@ -21,7 +21,7 @@ from server.commands.additions import moved, print_history
 from server.commands.diagnosis import _print_verdict, _print_ways_on
 from server.figures.diagnosis_revisions import steps_of
 from tests.own_effect import python_file
-from tests.server.command_line import run
+from tests.server.command_line import H01, altered, refused, run
 from tests.server.diagnosis_answers import found as missing_effect
 from tests.simulator import draw_session
 
@@ -223,6 +223,10 @@ def test_bad_input_is_one_clear_line(
     assert said in answer.err
     assert len(answer.err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_two_sessions_of_one_id_are_not_told_apart(tmp_path: Path) -> None:
+    refused("diagnose", H01, altered(tmp_path, lambda d: None), saying=f"two sessions are called {H01}")
 
 
 def test_a_finding_is_confirmed_by_what_it_said_of_a_case_not_yet_measured(

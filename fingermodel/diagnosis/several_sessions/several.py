@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from daq.errors import InputError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.diagnosis.posterior.fitting import Fitter
@@ -81,14 +82,19 @@ def diagnose_pooled(
         thorough: more fits in each.
         permutations: shuffles by which a shared law is held against chance.
         progress: is told the share done.
+
+    Raises:
+        InputError: two of the sessions have one id.
     """
+    names = tuple(s[0] for s in sessions)
+    if again := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(f"two sessions are called {again}", "an id of its own in each", "Change it in one session.yaml")
     began = time.perf_counter()
     tell = progress or (lambda _: None)
     diagnoses = []
     for k, (_, model, observations) in enumerate(sessions):
         diagnoses.append(diagnose(model, observations, thorough=thorough))
         tell(0.5 * (k + 1) / len(sessions))
-    names = tuple(s[0] for s in sessions)
     specimens = [_Specimen(d) for d in diagnoses]
     pooling = _Pooling(specimens)
     found = pooling.search(lambda done: tell(0.5 + 0.2 * done))

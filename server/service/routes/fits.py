@@ -91,8 +91,6 @@ def next_list(session: SessionId, request: Request, limit: Limit = 100, after: O
 @router.post("/diagnoses", status_code=202, responses=_ACCEPTED)
 def diagnose_pooled(body: AskedPooled, request: Request) -> JsonAnswer:
     """Diagnose several sessions: each by itself, and what they share (a rig's fault shows across specimens)."""
-    if len(set(body.sessions)) < len(body.sessions):
-        raise ProblemError(422, "a session twice", "each session once")
     return _submitted(request, "pooled", None, body, body.effects)
 
 
@@ -144,7 +142,10 @@ def _submitted(request: Request, kind: str, session: str | None, body: Form, use
     parts, given = of(request), body.model_dump()
     timeout_s = given.pop("timeout_s")
     parts.effects.named(used)
-    for name in given.get("sessions", [session]):
+    asked_of = given.get("sessions", [session])
+    if len(set(asked_of)) < len(asked_of):
+        raise ProblemError(422, "a session twice", "each session once")
+    for name in asked_of:
         measured = parts.measuring.of(name)
         measured.require()
         require_closed(measured)

@@ -173,7 +173,7 @@ def test_lvm_with_a_comma_too_many_is_not_read_as_other_channels(tmp_path: Path,
 
 
 @pytest.mark.parametrize("cut", [0, 5])
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])
 def test_lvm_that_an_editor_saved_in_unicode(tmp_path: Path, encoding: str, cut: int) -> None:
     path = lvm(tmp_path / "a.lvm", VOLT_ROWS, encoding=encoding)
     path.write_bytes(path.read_bytes()[: -cut or None])

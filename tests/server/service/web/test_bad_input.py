@@ -229,6 +229,12 @@ def test_work_on_an_empty_session_is_refused_at_once(service: ServiceReceiver, w
     refused(answer, 422, "session EMPTY has no load case yet; expected a case")
 
 
+@pytest.mark.parametrize("what", ["diagnoses", "populations"])
+def test_work_on_a_session_twice_is_refused(service: ServiceReceiver, what: str) -> None:
+    answer = service.client().post(f"/api/v1/{what}", json={"sessions": ["H01", "H01"]})
+    refused(answer, 422, "a session twice; expected each session once")
+
+
 @pytest.mark.parametrize(
     ("path", "status"),
     [
