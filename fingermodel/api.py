@@ -281,7 +281,7 @@ def save(session: Session, fit: Fit | Addition, path: str | os.PathLike[str]) ->
         path: of a new `.json` file.
 
     Raises:
-        ModelError: the file exists; revisions are never overwritten.
+        ModelError: the file exists, and revisions are never overwritten; or its name does not end in `.json`.
     """
     target, step = Path(path), None
     require_new(target)

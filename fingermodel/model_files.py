@@ -215,11 +215,14 @@ def _rmse(summary: Mapping[str, Any], plane: str) -> dict[str, float | None]:
 
 
 def require_new(path: Path) -> None:
-    """Refuse to write a revision where there is a file.
+    """Refuse to write a revision where there is a file, or under a name by which none is known.
 
     Raises:
-        ModelError: the file exists.
+        ModelError: the file exists, or does not end in `.json`.
     """
+    if path.suffix != ".json":
+        remedy = f"Call it {path.name}.json"
+        raise ModelError(f"{path} is no name of a revision", "a file whose name ends in .json", remedy)
     if path.exists():
         raise ModelError(f"{path} exists", "a new file: revisions are never overwritten", "Choose another --out")
 
@@ -228,7 +231,7 @@ def write_revision(document: Mapping[str, Any], path: Path) -> None:
     """Write a revision; an existing file is never overwritten.
 
     Raises:
-        ModelError: the file exists.
+        ModelError: the file exists, or does not end in `.json`.
     """
     require_new(path)
     with replacing(path) as temporary:

@@ -153,6 +153,7 @@ def test_a_revision_is_never_overwritten(revision: tuple[Path, Document], tmp_pa
     path, _ = revision
     content = path.read_bytes()
     refused("refit", H01, "--out", path, saying=path.name)
+    refused("refit", H01, "--out", tmp_path / "r2", saying="Call it r2.json")
     assert path.read_bytes() == content
 
 
