@@ -65,6 +65,7 @@ def comparison_plans(
     cases: Collection[str] | None = None,
     *,
     plane: Plane | None = None,
+    role: str | None = "identification",
     location: str = "tip",
     beside: Beside | None = None,
 ) -> list[Plan]:
@@ -74,7 +75,8 @@ def comparison_plans(
         compared: what is drawn.
         cases: that are drawn on the finger, by default those of validation.
         plane: of the force components; by default that in which the finger is judged.
-        location: whose force components are drawn against each other: tip or bone.
+        role: of the cases whose force components are drawn against each other; None for all.
+        location: of these: tip or bone.
         beside: forces of another model, drawn on the finger.
     """
     model = compared.model
@@ -93,7 +95,7 @@ def comparison_plans(
             "scatter",
             "Force components",
             f"{held}On the grey line prediction and measurement agree. Each symbol is one load case.",
-            lambda: scatter_figure(both, plane=drawn_in, location=location),
+            lambda: scatter_figure(both, plane=drawn_in, role=role, location=location),
         ),
         Plan(
             "scatter_validation",

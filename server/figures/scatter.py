@@ -54,7 +54,8 @@ def scatter_figure(
     """
     chosen = [(name, comparison.select(role, location)) for name, comparison in models]
     if not chosen or not chosen[-1][1].cases:
-        raise NothingToDrawError(f"No {role or 'load'} case was measured at the {location}.")
+        a_case = {"identification": "an identification case", "validation": "a validation case"}.get(role or "", "one")
+        raise NothingToDrawError(f"None of these load cases is {a_case} at the {location}.")
     components = range(PLANES[plane])
     columns, rows = len(components), len(chosen)
     beside = columns < 3  # where the legend is: beside two panels, below three

@@ -58,7 +58,7 @@ def chosen_cases(comparison: Comparison, location: str, ids: Iterable[str] | Non
     else:
         cases = list(here.select("validation").cases) or list(here.select("identification").cases)
     if not cases:
-        raise NothingToDrawError(f"No force was measured at the {location}.")
+        raise NothingToDrawError(f"None of these load cases was measured at the {location}.")
     return cases
 
 

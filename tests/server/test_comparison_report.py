@@ -57,7 +57,7 @@ def test_the_report_is_one_file_that_fetches_nothing(tmp_path: Path) -> None:
     assert HOSTILE not in text
     words = "".join(page.words)
     assert HOSTILE in words, "the name is still to be read"
-    assert "No figure: no force was measured at the bone." in words
+    assert "No figure: none of these load cases was measured at the bone." in words
 
 
 def test_figures_of_a_hostile_model_name_are_drawn(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_comparisons_are_drawn_as_by_the_command_line(service: ServiceReceiver, 
     for figure in COMPARISON:
         body = shown(service, f"/comparison/{figure}", session=name)
         assert body["figure"] == (drawn(expected[figure]) if figure in expected else None)
-        assert body["text"].startswith(body["title"] if body["figure"] else "No figure: no ")
+        assert body["text"].startswith(body["title"] if body["figure"] else "No figure: none of these load cases ")
     assert len(expected) >= 4
 
 
@@ -127,6 +127,11 @@ def test_some_cases_are_drawn_in_either_plane(service: ServiceReceiver) -> None:
     assert "bone force components" in bone["title"]
     assert "measured Fz" not in bone["text"]
     assert "measured Fz" in shown(service, "/comparison/scatter", session=PUBLISHED, plane="space")["text"]
+    chosen = {"session": RECORDED, "role": "validation", "location": "bone"}
+    known = {c.id for c in comparing.compare(Session.open(RECORDED, catalogue=False)).select("validation", "bone").cases}
+    assert set(points(shown(service, "/comparison/scatter", **chosen))) == known
+    none = shown(service, "/comparison/scatter_validation", **chosen | {"role": "identification"})
+    assert none["text"] == "No figure: none of these load cases is a validation case at the bone."
     hook = shown(service, "/comparison/z", session=RECORDED, posture="hook", role="validation")
     assert points(hook) == sorted(c.id for c in compared.select("validation", posture="hook").cases)
     nobody = shown(service, "/comparison/z", session=RECORDED, posture="fist")
