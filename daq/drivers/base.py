@@ -143,6 +143,7 @@ class LoadCell(ABC):
         title: maker and model.
         link: what it hangs on.
         settings: what it must be told.
+        learns: names of those that it finds out from the device where nobody states them.
         example: a command line that logs it.
         source: where its protocol is described, and how sure that is.
         checksum: whether its records carry one.
@@ -154,6 +155,7 @@ class LoadCell(ABC):
     title: ClassVar[str]
     link: ClassVar[Link]
     settings: ClassVar[tuple[Setting, ...]] = ()
+    learns: ClassVar[tuple[str, ...]] = ()
     example: ClassVar[str]
     source: ClassVar[str]
     checksum: bool = False
@@ -191,6 +193,12 @@ class LoadCell(ABC):
             DriverError: it cannot be opened, or the link is another.
         """
         raise DriverError(f"{self.name} hangs on {self.link}", "a transport of that kind")
+
+    def go_on(self, settings: Mapping[str, float | int | str]) -> None:
+        """Take what an earlier log of the device found out, where nobody states it: it may not be told again."""
+        for setting in self.settings:
+            if setting.name in self.learns and self.values[setting.name] == setting.default:
+                self.values[setting.name] = settings.get(setting.name, setting.default)
 
     def number(self, name: str) -> float:
         """Return a setting that is a number."""

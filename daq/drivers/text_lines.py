@@ -246,6 +246,7 @@ class TextLines(LoadCell):
         Setting("delimiter", "between the numbers: told by the first lines", AUTO, (AUTO, *DELIMITERS)),
         Setting("decimal", "the decimal mark: told by the first lines", AUTO, (AUTO, "point", "comma")),
     )
+    learns = ("columns", "delimiter", "decimal")
     example = f"fingertwin log --driver text-lines --port COM3 --set columns={_EXAMPLE} --protocol levels --out DIR"
     source = "the device's own: header or settings say what its columns are; a unit is never assumed"
     clock = "device"

@@ -64,6 +64,7 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
     about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
     before = _broken_off(out, options.resume)
     if before is not None:
+        cell.go_on(before.stream.settings)
         told = {"driver": cell.name, "settings": dict(cell.values), "cell": about, "clock": cell.clock}
         before.require_same(setup, told)
     if before is not None and before.record.closed:

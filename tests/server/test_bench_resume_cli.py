@@ -93,16 +93,20 @@ class Logger:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[list[str]]:
     """A stand-in that plays noise, and the command that logs it."""
+    driver = getattr(request, "param", "robotiq-ft300")
     monkeypatch.chdir(tmp_path)
     Path("small.yaml").write_text(yaml.safe_dump(PROTOCOL))
     Path("setup.yaml").write_text(yaml.safe_dump(SETUP))
     t_s = np.arange(0.0, 300.0, 0.01)
     noise = np.random.default_rng(0).normal(size=(len(t_s), 6)) * np.array([0.03] * 3 + [0.8] * 3)
     recording = write_readings(tmp_path / "noise.csv", [ReadingBlock(t_s, noise)])
-    process, said = played(recording, "robotiq-ft300", "--seconds", "300")
-    yield ["log", "--driver", "robotiq-ft300", "--port", said["address"], "--protocol", "small.yaml", "--setup",
+    process, said = played(recording, driver, "--seconds", "300")
+    # What the device must be told, as the stand-in says.
+    line = said["log_with"].split()
+    told = [part for at, word in enumerate(line) if word == "--set" for part in line[at : at + 2]]
+    yield ["log", "--driver", driver, *told, "--port", said["address"], "--protocol", "small.yaml", "--setup",
            "setup.yaml", "--out", "out"]  # fmt: skip
     process.kill()
     process.communicate()
@@ -178,6 +182,7 @@ def test_a_killed_bench_goes_on_where_it_stopped(
     refused("out has a session already, so nothing broke off", *bench, "--resume")
 
 
+@pytest.mark.parametrize("bench", ["robotiq-ft300", "text-lines"], indirect=True)
 def test_a_session_that_was_closed_and_not_written_is_written(
     bench: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
