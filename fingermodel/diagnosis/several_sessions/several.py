@@ -88,7 +88,9 @@ def diagnose_pooled(
     """
     names = tuple(s[0] for s in sessions)
     if again := next((name for name in names if names.count(name) > 1), None):
-        raise InputError(f"two sessions are called {again}", "an id of its own in each", "Change it in one session.yaml")
+        raise InputError(
+            f"two sessions are called {again}", "an id of its own in each", "Change it in one session.yaml"
+        )
     began = time.perf_counter()
     tell = progress or (lambda _: None)
     diagnoses = []

@@ -60,6 +60,7 @@ class Corrected:
         log_units: (n,) log of how many times less a unit of each reading is than one of those stated.
         change: that was put right, where the readings tell its amount.
         amend: amendments that put it right; none where amendments cannot.
+        sound: what it is held against; None for the session as it was entered.
     """
 
     kind: Kind
@@ -69,6 +70,7 @@ class Corrected:
     log_units: Floats
     change: Change | None = None
     amend: tuple[Amend, ...] = ()
+    sound: Observations | None = None
 
     @property
     def fault(self) -> str:
@@ -310,15 +312,29 @@ class Entries:
         o = self.session.observations
         if not o.tared.any():
             return
+        # Without their tares readings have less noise, whether or not there is a fault: so have those of smooth tares.
+        smooth = _smooth_tares(o)
+        sound = replace(o, wrench=o.wrench + o.tared - smooth)
         words = "the readings were tared already, and the tare was taken away twice"
-        yield self._one("tare", words, replace(o, wrench=o.wrench + o.tared))
-        first = np.array([o.tared[o.locations.index(place)] for place in o.locations])
-        # Where forces of a mount's tares differ by noise, the first serves as well as each: it may even fit better.
-        usual = np.sqrt(o.noise.variance.reshape(-1, 6) + EXTRA_NOISE_N.scale**2)
-        differ = np.abs(o.tared - first) > _BEYOND_NOISE * usual
-        if np.count_nonzero(differ[:, :3].any(axis=1)) > OF_A_SLIP:
+        yield replace(self._one("tare", words, replace(o, wrench=o.wrench + o.tared)), sound=sound)
+        first = np.array([smooth[o.locations.index(place)] for place in o.locations])
+        if np.count_nonzero((smooth != first).any(axis=1)) > OF_A_SLIP:
             again = replace(o, wrench=o.wrench + o.tared - first)
-            yield self._one("tare", "one tare of each mount serves all its cases", again)
+            yield replace(self._one("tare", "one tare of each mount serves all its cases", again), sound=sound)
+
+
+def _smooth_tares(observations: Observations) -> Floats:
+    """Tares (cases, 6) [N, N mm] without their noise: the mean of each mount's in a row that differ by no more."""
+    o = observations
+    usual = np.sqrt(o.noise.variance.reshape(-1, 6) + EXTRA_NOISE_N.scale**2)
+    out = o.tared.copy()
+    for place in dict.fromkeys(o.locations):
+        alike: list[int] = []
+        for case in np.flatnonzero(of_label(o.locations, place)).tolist():
+            off = np.abs(o.tared[case] - o.tared[alike].mean(axis=0)) if alike else np.zeros(6)
+            alike = [*alike, case] if (off <= _BEYOND_NOISE * usual[case])[:3].all() else [case]
+            out[alike] = o.tared[alike].mean(axis=0)
+    return out
 
 
 def _with(observations: Observations, **columns: Floats) -> Observations:

@@ -64,7 +64,7 @@ class PutRight:
         offer: the fault, its amount as the fit tells it.
         log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
         fit: the better of the two.
-        entered: fits the session as it was entered.
+        entered: fits the session without the fault, mostly as it was entered.
     """
 
     offer: Corrected
@@ -353,5 +353,5 @@ def _fitted(
             return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
         offer = replace(offer, words=change.words)
     value = log_share + fitted + log_posterior + log_gain
-    entered = Fitter(session, candidates, nothing.hyper)
-    return PutRight(offer, value, best, entered)
+    without = session if offer.sound is None else _with_readings(session, offer.sound)
+    return PutRight(offer, value, best, Fitter(without, candidates, nothing.hyper))

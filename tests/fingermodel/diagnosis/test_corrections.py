@@ -31,6 +31,21 @@ def test_tares_that_differ_by_no_more_than_noise_are_as_good_as_one(apart_N: flo
     assert any("taken away twice" in said for said in words)
 
 
+def test_a_fault_of_tares_is_held_against_readings_with_as_little_noise() -> None:
+    """Without their tares readings have less noise: that alone would speak for any fault of these."""
+    bench = Session.open("DEV-01")
+    rng, o = np.random.default_rng(1), bench.observations
+    step = np.array([0.1, 0.3])[np.arange(len(o.ids)) * 2 // len(o.ids)][:, None]
+    tared = step + 0.004 * rng.standard_normal((len(o.ids), 6))
+    session = session_of(bench.model, replace(o, tared=tared))
+    faults = [c for c in Entries(session, session.problem.centre).corrected() if c.kind == "tare"]
+    assert {c.words for c in faults} >= {ONE_TARE}
+    for fault in faults:
+        assert fault.sound is not None
+        off = o.wrench + tared - fault.sound.wrench - step
+        assert np.nanmax(np.abs(off)) < 0.004
+
+
 @pytest.mark.parametrize("kind", get_args(Kind))
 def test_each_kind_of_fault_says_what_would_settle_it(kind: str) -> None:
     assert fault_remedy(kind)

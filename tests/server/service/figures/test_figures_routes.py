@@ -128,7 +128,9 @@ def test_some_cases_are_drawn_in_either_plane(service: ServiceReceiver) -> None:
     assert "measured Fz" not in bone["text"]
     assert "measured Fz" in shown(service, "/comparison/scatter", session=PUBLISHED, plane="space")["text"]
     chosen = {"session": RECORDED, "role": "validation", "location": "bone"}
-    known = {c.id for c in comparing.compare(Session.open(RECORDED, catalogue=False)).select("validation", "bone").cases}
+    known = {
+        c.id for c in comparing.compare(Session.open(RECORDED, catalogue=False)).select("validation", "bone").cases
+    }
     assert set(points(shown(service, "/comparison/scatter", **chosen))) == known
     none = shown(service, "/comparison/scatter_validation", **chosen | {"role": "identification"})
     assert none["text"] == "No figure: none of these load cases is a validation case at the bone."
