@@ -102,6 +102,11 @@ class Diagnosis:
         return added_by(self.posterior, self.verdict)
 
     @property
+    def judged(self) -> Optimum:
+        """The explanation that the validation cases are told of."""
+        return self.best if self.best.explanation in self.checks else self.posterior.leader
+
+    @property
     def suspects(self) -> dict[int, tuple[float, Explained | None]]:
         """Cases that are more probably bad than not: probability, and what may have been done in them instead.
 

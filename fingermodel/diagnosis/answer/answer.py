@@ -53,7 +53,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "probability_of": meaning(d),
         "confirmed": None,
         "sentence": sentence(d),
-        "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short), *remarks(d)],
+        "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short), *_missed(d), *remarks(d)],
         "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
@@ -180,8 +180,7 @@ def reads_like(explained: Explained, ids: Sequence[str]) -> list[dict[str, Any]]
 def predictive(d: Diagnosis) -> dict[str, Any]:
     """The predictive check on the validation cases, of the model without any effect and of what would be added."""
     before = d.checks[d.posterior.nothing.explanation]
-    judged = d.best if d.best.explanation in d.checks else d.posterior.leader
-    after, shares = d.checks[judged.explanation], holding(d.posterior, judged)
+    after, shares = d.checks[d.judged.explanation], holding(d.posterior, d.judged)
     return {
         "log_density_before": before.log_density,
         "p_value_before": before.p_value,
@@ -190,6 +189,15 @@ def predictive(d: Diagnosis) -> dict[str, Any]:
         "p_value_after": together(d.checks, shares) if shares.keys() <= d.checks.keys() else after.p_value,
         "missed_after": [d.session.observations.ids[case] for case in after.missed],
     }
+
+
+def _missed(d: Diagnosis) -> list[str]:
+    """What is said of validation cases that are off by themselves, whatever all of them say together."""
+    missed = [d.session.observations.ids[case] for case in d.checks[d.judged.explanation].missed]
+    if not missed or d.faults or d.verdict.short:
+        return []
+    listed = f"{', '.join(missed[:3])}{f' and {len(missed) - 3} others' if len(missed) > 3 else ''}"
+    return [f"By themselves these validation cases are not as predicted: {listed}. Measure them again."]
 
 
 def sentence(d: Diagnosis) -> str:

@@ -135,13 +135,20 @@ def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
 
 
 def parameters_of(fit: Optimum) -> list[dict[str, Any]]:
-    """An explanation's own parameters: their mean and standard deviation, everything else left open."""
+    """An explanation's own parameters: their mean and standard deviation, everything else left open.
+
+    What is furthest from its null in standard deviations comes first, that of each effect before all others.
+    """
     theta, covariance, index = fit.parameter_posterior(fit.best)
     table, scale = fit.session.model.parameters, fit.session.problem.scale
     sd = dict(zip(index.tolist(), (np.sqrt(np.diag(covariance)) * scale[index]).tolist(), strict=True))
+    strength = {i: abs(theta[i] - table.initial[i]) / (sd.get(i) or np.inf) for i in fit.explanation.parameters}
+    ordered = sorted(strength, key=lambda i: -strength[i])
+    first = {table.names[i].split(".")[0]: i for i in reversed(ordered)}
+    ordered.sort(key=lambda i: i not in first.values())
     return [
         {"name": table.names[i], "value": float(theta[i]), "sd": sd.get(i), "unit": table.parameters[i].unit}
-        for i in fit.explanation.parameters
+        for i in ordered
     ]
 
 

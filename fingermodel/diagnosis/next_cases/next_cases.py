@@ -22,7 +22,7 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.session_model.case_noise import as_read, by_case
-from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SEED, WORTH_NAT
+from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SEED, SURE, WORTH_NAT
 from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of
 from fingermodel.stages import LoadCaseInput
@@ -116,15 +116,18 @@ def name_of(fit: Optimum) -> str:
 
 
 def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Optimum, float]]:
-    """Explanations that are still possible; a finding is tested against nothing missing, both equally probable."""
-    posterior = diagnosis.posterior
+    """Explanations that are still possible.
+
+    A finding beside which no question is open is tested against nothing missing, both equally probable.
+    """
+    posterior, best = diagnosis.posterior, diagnosis.best
     out: dict[str, tuple[Optimum, float]] = {}
     for names, p in sorted(posterior.of_explanations().items(), key=lambda item: -item[1]):
         fit = None if names is None else posterior.best_fit(names)
         if fit is not None and p >= LIVE:
             out[name_of(fit)] = (fit, p)
-    if len(out) < 2 or diagnosis.verdict.kind == "found":
-        best = diagnosis.best
+    settled = diagnosis.verdict.kind == "found" and out.get(name_of(best), (best, 0.0))[1] >= SURE
+    if len(out) < 2 or settled:
         if best.explanation.size == 0:
             named = [f for f in posterior.fits.values() if f.explanation.size]
             best = max(named, key=lambda f: f.log_posterior, default=best)

@@ -9,12 +9,14 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, Node
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, OF_GROUPS, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior, summed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_CASES, NOTHING_SURE, P_VALUE, SURE
+from fingermodel.diagnosis.session_model.group_errors import GroupErrors
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_CASES, NOTHING_SURE, OF_GROUP, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
+from fingermodel.fitting.reading_errors import OTHER_SCATTER, other_scatter
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
@@ -145,8 +147,8 @@ def _found(
     alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
     if alike:
         shown_by = {e.name: e.shown_by for e in stated.session.model.effects}
-        asked = [shown for n in [*names, *alike] if (shown := shown_by[n.split(".")[0]])]
-        how = f"; to part them, {asked[0]}" if asked else ""
+        asked = dict.fromkeys(shown for n in [*names, *alike] if (shown := shown_by[n.split(".")[0]]))
+        how = f"; to part them, {', or '.join(list(asked)[:2])}" if asked else ""
         reasons.append(f"In these load cases it is much like {words(alike)}{how}.")
     if posterior.p_beyond >= 0.5:
         reasons.append(
@@ -177,6 +179,9 @@ def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
         return ""
     wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0]}
     more = [f"a {name} {times:.1f} times as large" for name, times in wanted.items() if times >= _LARGER]
+    usual = GroupErrors.usual(fit.session.model.budget)._asdict()
+    of_group = {name: size for name, (size, _) in posterior.other_scatter.items() if name in usual}
+    more += other_scatter({name: size for name, size in of_group.items() if size > OF_GROUP.scale * usual[name]})
     if fit.session.observations.noise_assumed:
         more += [f"a noise {posterior.noise[0]:.1f} times as large"] if posterior.noise[0] >= _LARGER else []
     elif posterior.noise[0] > _USUAL_EXTRA_N:
@@ -189,11 +194,20 @@ def far_off(fit: Optimum) -> str:
     """What is said where one error of the rig is larger than chance makes the largest of all, budget as stated."""
     table = fit.session.problem.model.parameters
     of_rig = np.flatnonzero(fit.session.problem.free & table.of_kind("budget"))
-    times = np.abs(fit.x[of_rig])
-    if not times.size or 2.0 * ndtr(-times.max()) * len(of_rig) >= P_VALUE:
+    times = {f"{table.names[k]} would have to be off by": abs(float(fit.x[k])) for k in of_rig}
+    count = len(times)
+    # Errors by group may be larger than usual, but no one of them alone.
+    found, usual = fit.everything(fit.node), GroupErrors.usual(fit.session.model.budget)._asdict()
+    ends = np.cumsum([fit.size(name) for name in found.names]).tolist()
+    for name, end in zip(found.names, ends, strict=True):
+        if name in usual and (size := fit.size(name)):
+            each = np.abs(found.mean[end - size : end]) / usual[name]
+            times[f"one error ({OTHER_SCATTER[name].title}) would have to be"] = float(each.max())
+            count += size
+    most = max(times, key=lambda said: times[said], default="")
+    if not most or 2.0 * ndtr(-times[most]) * count >= P_VALUE:
         return ""
-    most = int(np.argmax(times))
-    return f"{table.names[of_rig[most]]} would have to be off by {times[most]:.0f} times what is stated"
+    return f"{most} {times[most]:.0f} times what is stated, or usual"
 
 
 def explains_as_stated(fit: Optimum) -> bool:
@@ -223,6 +237,8 @@ def stated_node(fit: Optimum) -> Node:
 def _rig_as_stated(fit: Optimum, of: Node) -> Node:
     axes, node = fit.hyper.axes, list(of)
     node[BUDGET] = axes[BUDGET].mode
+    usual_of_group = int(np.searchsorted(OF_GROUP.values, OF_GROUP.scale, side="right")) - 1
+    node[OF_GROUPS] = [min(size, usual_of_group) for size in node[OF_GROUPS]]
     if not fit.session.observations.noise_assumed:
         usual = np.searchsorted(axes[NOISE].values, _USUAL_EXTRA_N, side="right") - 1
         node[NOISE] = min(node[NOISE], int(usual))

@@ -13,12 +13,12 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
-from fingermodel.diagnosis.posterior.hyper import ACTING, ANATOMY, BUDGET, FORMS, GROUPS, SMOOTH, Hyperparameters
+from fingermodel.diagnosis.posterior.hyper import ACTING, ANATOMY, BUDGET, FORMS, GROUP, GROUPS, SMOOTH, Hyperparameters
 from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, OF_GROUP
 from fingermodel.diagnosis.verdict.predictive import predicted
 from fingermodel.diagnosis.verdict.verdict import far_off
 from fingermodel.session import Session
@@ -326,10 +326,20 @@ def test_a_fit_is_let_go_as_soon_as_nobody_asks_for_it(fitter: Fitter) -> None:
 @pytest.mark.parametrize(
     ("times", "said"), [(0.0, ""), (4.0, ""), (-20.0, "zero.tip.y would have to be off by 20 times")]
 )
-def test_one_error_far_beyond_what_the_rig_states_is_no_small_error(nothing: Optimum, times: float, said: str) -> None:
+def test_one_error_far_beyond_what_the_rig_states_is_no_small_error(hanger: Optimum, times: float, said: str) -> None:
     """The misfit of all readings hides it among hundreds of others."""
-    problem = nothing.session.problem
+    problem = hanger.session.problem
     at, theta = problem.model.parameters.index["zero.tip.y"], problem.centre.copy()
     theta[at] += times * problem.scale[at]
-    assert far_off(nothing.but(theta=theta)).startswith(said)
-    assert bool(far_off(nothing.but(theta=theta))) is bool(said)
+    assert far_off(hanger.but(theta=theta)).startswith(said)
+    assert bool(far_off(hanger.but(theta=theta))) is bool(said)
+
+
+@pytest.mark.parametrize(("off", "said"), [(0.01, ""), (0.15, "one error (error of each weight) would have to be")])
+def test_one_weight_far_beyond_a_usual_one_is_no_small_error(hanger: Optimum, off: float, said: str) -> None:
+    session, node = hanger.session, list(hanger.hyper.start(len(hanger.best) - FORMS))
+    node[GROUP] = int(np.searchsorted(OF_GROUP.values, OF_GROUP.scale))
+    weights = session.columns("weight")[session.fitted]
+    moved = hanger.residual + off * weights[:, int(np.argmax((weights**2).sum(axis=0)))]
+    assert far_off(replace(hanger.but(residual=moved), node=tuple(node))).startswith(said)
+    assert bool(far_off(replace(hanger.but(residual=moved), node=tuple(node)))) is bool(said)
