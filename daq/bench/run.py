@@ -75,22 +75,22 @@ class BenchRun(BenchEngine):
         """Go on to the next step; one that is not completed is recorded as skipped."""
         step = self._open_step()
         self._skip(step)
-        # A weight that hung on the cell itself says nothing about the cell at the finger.
-        if step.case is None:
-            self._tare = None
-        self._rest()
+        self._leave()
         following = self._at.steps.following
         self._emit("step", id=None if following is None else following.id)
         return self._flush()
 
     def repeat(self, case: str = "") -> Events:
-        """Do a case once more, by default the last one; both are kept."""
+        """Do a case once more, by default the last one, both are kept; or go back to one that was skipped."""
         self._require_open()
-        name = case or self._at.last_taken or ""
-        _require_among(name, self.record.cases, "was taken")
-        step = self._at.steps.repeat(name)
-        self._rest()
-        self._emit("step", id=step.id, repeat_of=step.repeat_of)
+        name, steps = case or self._at.last_taken or "", self._at.steps
+        _require_among(name, (*self.record.cases, *steps.skipped_cases), "was taken or skipped")
+        self._leave()
+        if name in steps.skipped:
+            self._emit("step", id=name, back=True)
+        else:
+            step = steps.repeat(name)
+            self._emit("step", id=step.id, repeat_of=step.repeat_of)
         return self._flush()
 
     def exclude(self, case: str, reason: str) -> Events:
@@ -214,12 +214,22 @@ class BenchRun(BenchEngine):
 
     def _answers_begin(self) -> dict[str, str]:
         taken, excluded = self._at.last_taken, self.record.excluded
-        meant = {"exclude": f"{taken} " if taken else "", "include": excluded[-1] if excluded else ""}
+        meant = {
+            "repeat": self._at.steps.just_skipped or taken,
+            "exclude": taken and f"{taken} ",
+            "include": excluded[-1] if excluded else None,
+        }
         return {command: case for command, case in meant.items() if case}
 
     def _results(self, blind: bool) -> list[Result]:
         cases = [name for name in self.record.cases if name not in self.record.excluded]
         return self._forces.measured(self.record.session(), cases, blind) if cases else []
+
+    def _leave(self) -> None:
+        # A weight that hung on the cell itself says nothing about the cell at the finger.
+        if self._at.steps.now is not None and self._at.steps.now.case is None:
+            self._tare = None
+        self._rest()
 
     def _skip(self, step: Step) -> None:
         if step.id in self._at.steps.done:

@@ -32,6 +32,7 @@ KEYS = (
     ("q", QUIT, "quit"),
 )
 QUESTIONS = {
+    "repeat": "Which case is done once more, or after all where it was skipped?",
     "exclude": "Which case is left out, and why?",
     "include": "Which case is taken in again?",
     "known_weight": "Mass in g, direction (such as palmar) and mount:",

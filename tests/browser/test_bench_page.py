@@ -336,6 +336,14 @@ def test_it_can_be_read_from_two_metres_pressed_with_gloves_and_looked_back_in(
         key(seen, "confirm").click()
         seen.page.get_by_text("there is no plateau to confirm").wait_for()
         seen.complaints = [c for c in seen.complaints if "409" not in c]
+        # What was skipped is gone back to: it stands in the field, being the one that was left.
+        seen.page.keyboard.press("r")
+        assert seen.page.get_by_label("Which case is done once more").input_value() == "c001"
+        seen.page.keyboard.press("Enter")
+        story.wait_for("step; id c001; back True")
+        seen.page.locator('[data-step="c001"].now').wait_for()
+        key(seen, "next").click()
+        story.wait_for("  step;", 4)
         # Looking back: it stays where it is while more comes, and the service gives what the page never had.
         traces = seen.page.get_by_role("group", name=re.compile("^Six traces"))
         live = seen.page.get_by_role("button", name="Live")

@@ -242,6 +242,8 @@ def test_without_a_terminal_each_event_is_one_line() -> None:
     LineView(latin).tell([Event("note", 2.0, {"text": "Probe → 3"})])
     latin.flush()
     assert b"Probe ? 3" in latin.buffer.getvalue()
+    skipped = line_of(Event("case_skipped", 2.0, {"id": "c002"}))
+    assert skipped == "     2.00 s  case skipped; id c002; repeat c002 goes back to it"
     assert line_of(Event("gap", 1.5, {"lost_samples": 3})) == "     1.50 s  gap; lost_samples 3"
 
 

@@ -247,6 +247,35 @@ def test_a_repeat_asked_for_late_comes_before_what_waits() -> None:
     assert played.values("case_skipped") == [{"id": "c001r1"}]
 
 
+def test_a_case_that_was_skipped_can_be_gone_back_to() -> None:
+    played = bench().play([*BEGUN, *case("tip", FDP=950), "next", "next"])
+    assert played.values("case_skipped") == [{"id": "c002"}]
+    assert played.run.status().answers_begin["repeat"] == "c002"
+    assert "no case c003 was taken or skipped; expected one of c001 c002" in refused(played, "repeat c003")
+    played.play(["repeat c002", *case("tip", FDS=950), "next"])
+    taken = played.run.record.cases["c002"]
+    assert (taken["masses_g"], taken.get("repeat_of")) == ({"FDS": 950}, None)
+    status = played.run.status()
+    assert [(name, state) for name, _, state in status.checklist] == [
+        ("weight_before", "skipped"), ("c001", "done"), ("c002", "done"), ("c003", "now"), ("c004", "open"),
+        ("weight_after", "open"),
+    ]  # fmt: skip
+    assert status.answers_begin["repeat"] == "c002"
+    played.play(["repeat c002", "next", "next", "next", "next"])
+    assert played.run.status().step == "all steps are done"
+    played.press("repeat c003")
+    assert played.run.status().step.startswith("c003")
+    played.press("close")
+    assert played.values("closed")[0]["undone"] == ["c002r1", "c004", "c003"]
+
+
+def test_a_tare_of_the_known_weight_is_none_of_a_case() -> None:
+    script: list[Line] = [*BEGUN, *case("tip", FDP=950), "next", "next", "next", "next", *tared(), "repeat c001"]
+    played = bench().play(script)
+    assert played.run.status().step.startswith("c001r1")
+    assert "no tare" in refused(played, "loaded")
+
+
 def test_an_exclusion_needs_a_reason_before_unblinding() -> None:
     played = bench().play([*BEGUN, *case("tip", FDP=950), "next", *case("tip", FDS=950)])
     assert "without a reason" in refused(played, "exclude c001")
