@@ -19,6 +19,7 @@ from daq.lab.layout import Layout
 from daq.lab.levels import Level
 from daq.lab.notebook import Note
 from daq.recordings.readings import ReadingBlock, ReadingSource, open_readings, write_readings
+from daq.sessions.faults import require_posture
 from daq.sessions.protocols import TAPPED
 
 Floats = NDArray[np.float64]
@@ -210,14 +211,16 @@ def posture_of(text: str) -> tuple[str, dict[str, float]]:
     """Read `hook: MCP 0 PIP 65 DIP 50`, with or without = signs.
 
     Raises:
-        InputError: it is no name with angles.
+        InputError: it is no name with angles, or a session can have no such angles.
     """
     name, _, rest = text.partition(":")
     angles = dict(re.findall(r"([A-Za-z]\w*)\s*[= ]\s*([+-]?\d+(?:\.\d+)?)", rest))
     left = re.sub(r"[A-Za-z]\w*\s*[= ]\s*[+-]?\d+(?:\.\d+)?|[,;\s]", "", rest)
     if not name.strip() or not angles or left:
         raise InputError(f"posture {text!r}", "a name and angles in degrees, such as 'hook: MCP 0 PIP 65 DIP 50'")
-    return name.strip(), {k: float(v) for k, v in angles.items()}
+    degrees = {k: float(v) for k, v in angles.items()}
+    require_posture(name.strip(), degrees)
+    return name.strip(), degrees
 
 
 def still_missing(document: Mapping[str, Any]) -> list[str]:
