@@ -40,8 +40,8 @@ def _alone(do: Callable[[BenchRun], Events]) -> Callable[[BenchRun, str], Events
 
 
 def _exclude(run: BenchRun, argument: str) -> Events:
-    first, _, rest = argument.partition(" ")
-    return run.exclude(rest, first) if first in run.record.cases else run.exclude(argument)
+    case, _, reason = argument.partition(" ")
+    return run.exclude(case, reason)
 
 
 def _known_weight(run: BenchRun, argument: str) -> Events:
@@ -64,6 +64,7 @@ _COMMANDS: Mapping[str, Callable[[BenchRun, str], Events]] = {
     "next": _alone(BenchRun.next),
     "repeat": BenchRun.repeat,
     "exclude": _exclude,
+    "include": BenchRun.include,
     "known_weight": _known_weight,
     "posture_set": _alone(BenchRun.posture_set),
     "cell_moved": _alone(BenchRun.cell_moved),

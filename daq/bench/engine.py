@@ -105,7 +105,7 @@ class BenchEngine:
         for weight in self.record.checks:
             self._forces.weigh(weight)
         self._broke_off_s, self._now_s = broke_off_s, at_s
-        kept = [n for n, case in self.record.cases.items() if "excluded" not in case]
+        kept = [n for n in self.record.cases if n not in self.record.excluded]
         for result in self._forces.measured(self.record.session(), kept, blind=True) if kept else []:
             if result.case == self._at.last_taken:
                 self._last = result
@@ -220,7 +220,7 @@ class BenchEngine:
         return {k: v for k, v in value.items() if v is not None}
 
     def _say_measured(self, names: list[str]) -> None:
-        kept = [n for n in names if "excluded" not in self.record.cases[n]]
+        kept = [n for n in names if n not in self.record.excluded]
         for result in self._forces.measured(self.record.session(), kept, blind=True) if kept else []:
             self._emit("measured", **result.as_value())
             if result.case == self._at.last_taken:

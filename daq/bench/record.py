@@ -125,6 +125,11 @@ class BenchRecord:
     events: list[dict[str, Any]] = field(default_factory=list)
     closed: bool = False
 
+    @property
+    def excluded(self) -> tuple[str, ...]:
+        """Ids of the cases that are left out."""
+        return tuple(name for name, case in self.cases.items() if "excluded" in case)
+
     @classmethod
     def of(cls, events: Iterable[Event]) -> BenchRecord:
         """Fold a bench's events, the first of which says how it was set up.
@@ -155,22 +160,15 @@ class BenchRecord:
             self.checks.append(value)
         elif event.kind == "excluded":
             self.cases[value["case"]]["excluded"] = value["reason"]
-        elif event.kind == "known_weight_skipped":
-            self._note("note", event.at_s, text=f"the known weight {value['when']} the cases was skipped")
-        elif event.kind == "case_skipped":
-            self._note("note", event.at_s, text=f"case {value['id']} was skipped")
-        elif event.kind == "loaded" and value.get("done"):
-            self._note("note", event.at_s, text=f"{value['step']}: {value['done']}")
-        elif event.kind == RESUMED:
-            gone = f"the log broke off at {value['broke_off_s']:.1f} s and went on at {event.at_s:.1f} s"
-            self._note("note", event.at_s, text=f"{gone}; tares before it are not used after it")
+        elif event.kind == "included":
+            del self.cases[value["case"]]["excluded"]
         elif event.kind == "closed":
             self.closed = True
-            if value["undone"]:
-                self._note("note", event.at_s, text=f"closed without cases {' '.join(value['undone'])}")
         elif event.kind in _SAME_KIND:
             text = value.pop("text", None)
             self._note(event.kind, event.at_s, value or None, text)
+        if told := _in_words(event):
+            self._note("note", event.at_s, text=told)
 
     def document(self) -> dict[str, Any]:
         """Return the session's plain data, without the name of its readings.
@@ -206,6 +204,25 @@ class BenchRecord:
     def _note(self, kind: str, at_s: float, value: Any = None, text: str | None = None) -> None:
         note = {"t_s": round(at_s, 3), "kind": kind, "value": value, "text": text}
         self.events.append({k: v for k, v in note.items() if v is not None})
+
+
+def _in_words(event: Event) -> str:
+    """Return what a session notes of an event that it has no kind for, or nothing."""
+    value = event.value
+    if event.kind == "known_weight_skipped":
+        return f"the known weight {value['when']} the cases was skipped"
+    if event.kind == "case_skipped":
+        return f"case {value['id']} was skipped"
+    if event.kind == "included":
+        return f"case {value['case']} was excluded ({value['reason']}), and is taken in again"
+    if event.kind == "loaded" and value.get("done"):
+        return f"{value['step']}: {value['done']}"
+    if event.kind == RESUMED:
+        gone = f"the log broke off at {value['broke_off_s']:.1f} s and went on at {event.at_s:.1f} s"
+        return f"{gone}; tares before it are not used after it"
+    if event.kind == "closed" and value["undone"]:
+        return f"closed without cases {' '.join(value['undone'])}"
+    return ""
 
 
 def _shown(case: PlannedCase) -> dict[str, Any]:

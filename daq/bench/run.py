@@ -6,7 +6,7 @@ force with its uncertainty. Whatever it decides is an event, and its record is f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from pydantic import ValidationError
@@ -18,6 +18,7 @@ from daq.bench.status import BenchStatus, Next, next_of
 from daq.bench.steps import Step
 from daq.errors import SessionError
 from daq.sessions.models import KnownWeight
+from daq.vocabulary import did_you_mean
 
 
 class BenchRun(BenchEngine):
@@ -74,33 +75,43 @@ class BenchRun(BenchEngine):
         """Go on to the next step; one that is not completed is recorded as skipped."""
         step = self._open_step()
         self._skip(step)
-        # A weight that hung on the cell itself says nothing about the cell at the finger.
-        if step.case is None:
-            self._tare = None
-        self._rest()
+        self._leave()
         following = self._at.steps.following
         self._emit("step", id=None if following is None else following.id)
         return self._flush()
 
     def repeat(self, case: str = "") -> Events:
-        """Do a case once more, by default the last one; both are kept."""
+        """Do a case once more, by default the last one, both are kept; or go back to one that was skipped."""
         self._require_open()
-        step = self._at.steps.repeat(self._taken(case))
-        self._rest()
-        self._emit("step", id=step.id, repeat_of=step.repeat_of)
+        name, steps = case or self._at.last_taken or "", self._at.steps
+        _require_among(name, (*self.record.cases, *steps.skipped_cases), "was taken or skipped")
+        self._leave()
+        if name in steps.skipped:
+            self._emit("step", id=name, back=True)
+        else:
+            step = steps.repeat(name)
+            self._emit("step", id=step.id, repeat_of=step.repeat_of)
         return self._flush()
 
-    def exclude(self, reason: str, case: str = "") -> Events:
-        """Leave a case out, by default the last one, for a reason that is given before predictions are seen."""
+    def exclude(self, case: str, reason: str) -> Events:
+        """Leave a case out, for a reason that is given before predictions are seen."""
         self._require_open()
-        name = self._taken(case)
+        _require_among(case, self.record.cases, "was taken")
         if not reason.strip():
-            raise SessionError(f"{name} excluded without a reason", "why, such as: suture slipped")
-        if "excluded" in self.record.cases[name]:
-            raise SessionError(f"{name} is excluded already ({self.record.cases[name]['excluded']})", "another case")
-        self._emit("excluded", case=name, reason=reason.strip())
-        if self._last is not None and self._last.case == name:
+            raise SessionError(f"{case} excluded without a reason", "why, such as: suture slipped")
+        if case in self.record.excluded:
+            raise SessionError(f"{case} is excluded already ({self.record.cases[case]['excluded']})", "another case")
+        self._emit("excluded", case=case, reason=reason.strip())
+        if self._last is not None and self._last.case == case:
             self._last = None
+        return self._flush()
+
+    def include(self, case: str) -> Events:
+        """Take a case in again that was left out; that it was left out, and why, stays in the session's notes."""
+        self._require_open()
+        _require_among(case, self.record.excluded, "is excluded")
+        self._emit("included", case=case, reason=self.record.cases[case]["excluded"])
+        self._say_measured([case])
         return self._flush()
 
     def known_weight(self, mass_g: float, direction: Any, mount: str | None = None) -> Events:
@@ -189,6 +200,7 @@ class BenchRun(BenchEngine):
             None if self._tare is None else self._now_s - self._tare.window_s[1],
             self.record.closed,
             then.command,
+            self._answers_begin(),
         )
 
     def _next(self) -> Next:
@@ -200,9 +212,24 @@ class BenchRun(BenchEngine):
             return Next(f"wait for the {self._phase} plateau ({self._finder.reason})", "")
         return next_of(self._at, self._tare is not None, self._hanging)
 
+    def _answers_begin(self) -> dict[str, str]:
+        taken, excluded = self._at.last_taken, self.record.excluded
+        meant = {
+            "repeat": self._at.steps.just_skipped or taken,
+            "exclude": taken and f"{taken} ",
+            "include": excluded[-1] if excluded else None,
+        }
+        return {command: case for command, case in meant.items() if case}
+
     def _results(self, blind: bool) -> list[Result]:
-        cases = [name for name, case in self.record.cases.items() if "excluded" not in case]
+        cases = [name for name in self.record.cases if name not in self.record.excluded]
         return self._forces.measured(self.record.session(), cases, blind) if cases else []
+
+    def _leave(self) -> None:
+        # A weight that hung on the cell itself says nothing about the cell at the finger.
+        if self._at.steps.now is not None and self._at.steps.now.case is None:
+            self._tare = None
+        self._rest()
 
     def _skip(self, step: Step) -> None:
         if step.id in self._at.steps.done:
@@ -218,14 +245,6 @@ class BenchRun(BenchEngine):
         self._emit(kind, **value)
         return self._flush()
 
-    def _taken(self, case: str) -> str:
-        name = case.strip() or self._at.last_taken
-        if name is None:
-            raise SessionError("no case was taken", "one that was confirmed")
-        if name not in self.record.cases:
-            raise SessionError(f"no case {name} was taken", f"one of {' '.join(self.record.cases) or '(none yet)'}")
-        return name
-
     def _open_step(self) -> Step:
         self._require_open()
         if self._at.steps.now is None:
@@ -240,6 +259,12 @@ class BenchRun(BenchEngine):
             wanted = self._at.wanted()[key]
             if self._at.place[key] != wanted:
                 raise SessionError(f"the {what} is {self._at.place[key]}", f"{wanted} for {step.id}", remedy)
+
+
+def _require_among(case: str, known: Collection[str], what: str) -> None:
+    if case not in known:
+        found = f"no case {case} {what}" if case else "no case is named"
+        raise SessionError(found, f"one of {' '.join(known) or '(none yet)'}", did_you_mean(case, known))
 
 
 def _text(text: str) -> dict[str, str]:

@@ -70,6 +70,8 @@ class Standing:
         elif event.kind == "step":
             if "repeat_of" in value:
                 steps.insert(steps.repeat(value["repeat_of"]))
+            elif value.get("back"):
+                steps.go_back(value["id"])
             else:
                 steps.at += 1
         elif event.kind == "known_weight_set":

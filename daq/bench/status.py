@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ class BenchStatus:
         tare_age_s: None without a valid tare.
         closed: whether the session is closed.
         suggests: the command that comes next, empty while something is waited for.
+        answers_begin: by command, the case that the answer to its question begins with, unless another is typed.
     """
 
     now_s: float
@@ -43,6 +45,7 @@ class BenchStatus:
     tare_age_s: float | None
     closed: bool
     suggests: str
+    answers_begin: Mapping[str, str]
 
 
 class Next(NamedTuple):

@@ -68,6 +68,17 @@ class Steps:
         return self.all[self.at + 1] if self.at + 1 < len(self.all) else None
 
     @property
+    def just_skipped(self) -> str:
+        """Id of the case right before the present step, where it was skipped; else nothing."""
+        before = self.all[self.at - 1] if self.at else None
+        return before.id if before is not None and before.id in self.skipped_cases else ""
+
+    @property
+    def skipped_cases(self) -> tuple[str, ...]:
+        """Ids of the cases that were skipped, in order."""
+        return tuple(s.id for s in self.all if s.case is not None and s.id in self.skipped)
+
+    @property
     def now_done(self) -> bool:
         """True if the present step is completed."""
         return self.now is not None and self.now.id in self.done
@@ -76,6 +87,14 @@ class Steps:
         """Make a step the present one: after one that is completed, before one that still waits."""
         self.at += self.now_done
         self.all.insert(self.at, step)
+
+    def go_back(self, name: str) -> None:
+        """Make a step that was skipped the present one, as itself."""
+        i = next(i for i, step in enumerate(self.all) if step.id == name)
+        step = self.all.pop(i)
+        self.at -= i < self.at
+        self.skipped.remove(name)
+        self.insert(step)
 
     def undone(self) -> list[Step]:
         """Return the steps that were not completed."""

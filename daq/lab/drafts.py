@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError, ReadingsError
-from daq.lab.files import LabFileMap, LabRecording, open_recording
+from daq.lab.files import LabFileMap, LabRecording, open_recording, stated_mapping
 from daq.lab.layout import Layout
 from daq.lab.levels import Level
 from daq.lab.notebook import Note
 from daq.recordings.readings import ReadingBlock, ReadingSource, open_readings, write_readings
+from daq.sessions.faults import require_posture
 from daq.sessions.protocols import TAPPED
 
 Floats = NDArray[np.float64]
@@ -78,10 +79,7 @@ def joined(
     Raises:
         InputError: one cannot be read.
     """
-    sources: list[ReadingSource | LabRecording] = [
-        open_readings(path) if mapping is None or is_readings_file(path) else open_recording(path, mapping)
-        for path in recordings
-    ]
+    sources = [_opened(path, mapping) for path in recordings]
     with TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True) as folder:
         file = write_readings(Path(folder) / "joined.parquet", _one_after_the_other(sources, seen))
         notes: list[str] = []
@@ -90,6 +88,17 @@ def joined(
         if len(recordings) > 1:
             notes.append(f"{len(recordings)} recordings stand one after the other, {APART_S:g} s apart")
         yield Joined(file, tuple(dict.fromkeys(notes)))
+
+
+def _opened(path: Path, mapping: LabFileMap | None) -> ReadingSource | LabRecording:
+    """Open a recording; text is read as any program may have written it, whatever its header says."""
+    try:
+        own = open_readings(path)
+    except ReadingsError:
+        if mapping is None:
+            raise
+        return open_recording(path, mapping)
+    return own if own.kind == "parquet" else open_recording(path, stated_mapping(own.columns))
 
 
 def _one_after_the_other(
@@ -103,7 +112,8 @@ def _one_after_the_other(
         for block in source.blocks():
             if shift_s is None:
                 shift_s, own, last_s = end_s + APART_S - float(block.t_s[0]), 0, -np.inf
-            _require_rising(block.t_s, last_s, own, source)
+            if isinstance(source, ReadingSource):  # a lab's recording does so itself
+                _require_rising(block.t_s, last_s, own, source)
             rows, own, last_s = rows + len(block), own + len(block), float(block.t_s[-1])
             if seen is not None:
                 seen(rows)
@@ -112,7 +122,7 @@ def _one_after_the_other(
         end_s = last_s + (shift_s or 0.0)
 
 
-def _require_rising(t_s: Floats, last_s: float, before: int, source: ReadingSource | LabRecording) -> None:
+def _require_rising(t_s: Floats, last_s: float, before: int, source: ReadingSource) -> None:
     """Refuse times that stand still or go back: windows would be of other readings.
 
     Raises:
@@ -122,13 +132,11 @@ def _require_rising(t_s: Floats, last_s: float, before: int, source: ReadingSour
     if steps.min() > 0.0:
         return
     at = int(np.argmin(steps > 0.0))
-    name = source.path.name if isinstance(source, ReadingSource) else source.source.path.name
     raise ReadingsError(
-        f"{name}: reading {before + at + 1} has the time {t_s[at]:.9g} s, and the one before it "
+        f"{source.path.name}: reading {before + at + 1} has the time {t_s[at]:.9g} s, and the one before it "
         f"{t_s[at - 1] if at else last_s:.9g} s",
         "a later time for each reading",
-        "Remove rows that were written twice, split the file where a second recording begins, or take time by "
-        "counting: increment_s in the mapping",
+        "Remove rows that were written twice, or split the file where a second recording begins",
     )
 
 
@@ -203,14 +211,16 @@ def posture_of(text: str) -> tuple[str, dict[str, float]]:
     """Read `hook: MCP 0 PIP 65 DIP 50`, with or without = signs.
 
     Raises:
-        InputError: it is no name with angles.
+        InputError: it is no name with angles, or a session can have no such angles.
     """
     name, _, rest = text.partition(":")
     angles = dict(re.findall(r"([A-Za-z]\w*)\s*[= ]\s*([+-]?\d+(?:\.\d+)?)", rest))
     left = re.sub(r"[A-Za-z]\w*\s*[= ]\s*[+-]?\d+(?:\.\d+)?|[,;\s]", "", rest)
     if not name.strip() or not angles or left:
         raise InputError(f"posture {text!r}", "a name and angles in degrees, such as 'hook: MCP 0 PIP 65 DIP 50'")
-    return name.strip(), {k: float(v) for k, v in angles.items()}
+    degrees = {k: float(v) for k, v in angles.items()}
+    require_posture(name.strip(), degrees)
+    return name.strip(), degrees
 
 
 def still_missing(document: Mapping[str, Any]) -> list[str]:

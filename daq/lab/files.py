@@ -21,7 +21,7 @@ from daq.errors import ReadingsError
 from daq.files import replacing
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.opened import open_channels
-from daq.recordings.columns import HEADERS, KINDS, QUANTITIES
+from daq.recordings.columns import HEADERS, KINDS, QUANTITIES, Columns
 from daq.recordings.readings import ReadingBlock, write_readings
 from daq.signals.gauges import GaugeCalibration, read_calibration, saturated
 from daq.units import COMMON, Kind, factor_of
@@ -36,6 +36,8 @@ GAUGES = tuple(f"gauge{k}" for k in range(1, 7))
 # Of an increment: closer than any two clocks.
 SAME_INCREMENT = 1e-6
 _SCALED = "A ratio becomes a force by the cell's calibration: export forces from the program that recorded it"
+# Up to here a float tells every whole number.
+_LARGEST_FLAG = 2.0**52
 # From so many readings on it is told whether time goes on.
 _STANDING = 20
 
@@ -63,6 +65,7 @@ class LabFileMap(Document):
         calibration: path of the cell's .cal, by this file; required with gauges.
         zero_V: gauge voltages without load; without them the wrench keeps its offset, as before a tare.
         limit_V: a gauge at or beyond this is saturated; by default as the calibration says.
+        status: channel of the cell's own status flags, whole numbers; not with gauges, whose status is saturation.
         doubts: what the proposal was not sure of.
     """
 
@@ -73,6 +76,7 @@ class LabFileMap(Document):
     calibration: str | None = None
     zero_V: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)] | None = None
     limit_V: Annotated[float, Field(gt=0.0)] | None = None
+    status: str | None = None
     doubts: tuple[str, ...] = ()
 
     @model_validator(mode="after")
@@ -82,6 +86,8 @@ class LabFileMap(Document):
         names = [c.channel for c in self.channels.values()]
         if len(set(names)) < len(names):
             raise ValueError("one channel is taken twice")
+        if self.status is not None and self.in_volts:
+            raise ValueError("status beside gauges, whose status is saturation")
         return self
 
     @property
@@ -128,10 +134,10 @@ class LabRecording:
     @property
     def has_status(self) -> bool:
         """Whether its readings have a status."""
-        return self.limit is not None
+        return self.limit is not None or self.mapping.status is not None
 
     def blocks(self) -> Iterator[ReadingBlock]:
-        """Yield the readings in order; of gauges with a status, bit 0 where the first is saturated, and so on.
+        """Yield the readings in order; the status of gauges has bit 0 where the first is saturated, and so on.
 
         Raises:
             ReadingsError: a number is none or not finite, time goes back, or there is no reading.
@@ -140,6 +146,8 @@ class LabRecording:
         names = [self.mapping.channels[k].channel for k in order]
         if isinstance(time, Taken):
             names.append(time.channel)
+        if self.mapping.status is not None:
+            names.append(self.mapping.status)
         row, last_s = 0, -np.inf
         for block in self.source.blocks(names):
             if not np.isfinite(block).all():
@@ -158,10 +166,12 @@ class LabRecording:
             steps = np.diff(t_s, prepend=last_s)
             back = np.flatnonzero(steps <= 0.0)
             if len(back):
-                goes_back = steps[back[0]] < 0.0
+                goes_back, at_s = steps[back[0]] < 0.0, t_s[back[0]]
                 raise self._fault(
                     row + int(back[0]),
-                    "time goes back" if goes_back else "time stands still",
+                    f"time goes back from {at_s - steps[back[0]]:.9g} s to {at_s:.9g} s"
+                    if goes_back
+                    else f"time stands still at {at_s:.9g} s",
                     "time that goes on",
                     "Was a second recording appended? Split the file there, or take time from the increment"
                     if goes_back
@@ -171,17 +181,25 @@ class LabRecording:
             if (np.abs(values) > LARGEST).any():
                 at, column = np.argwhere(np.abs(values) > LARGEST)[0]
                 raise self._fault(row + int(at), f"{names[column]} is {block[at, column]:g}", TELLABLE)
-            yield self._reading(t_s, values)
+            yield ReadingBlock(t_s, *self._reading(values, block[:, -1], row))
             row, last_s = row + len(block), float(t_s[-1])
         if row == 0:
             raise ReadingsError(f"{self.source.path.name} has no readings", "at least one in each channel")
 
-    def _reading(self, t_s: Floats, values: Floats) -> ReadingBlock:
-        if self.calibration is None:
-            return ReadingBlock(t_s, values)
-        status = None if self.limit is None else saturated(values, self.limit)
-        zero = None if self.mapping.zero_V is None else np.array(self.mapping.zero_V)
-        return ReadingBlock(t_s, self.calibration.wrench(values, zero), status)
+    def _reading(self, values: Floats, last: Floats, row: int) -> tuple[Floats, NDArray[np.int64] | None]:
+        """Return wrench and status of channels in N and N mm, or in V; the last column is the status, if any."""
+        if self.calibration is not None:
+            zero = None if self.mapping.zero_V is None else np.array(self.mapping.zero_V)
+            saturation = None if self.limit is None else saturated(values, self.limit)
+            return self.calibration.wrench(values, zero), saturation
+        if self.mapping.status is None:
+            return values, None
+        odd = np.flatnonzero((last != np.rint(last)) | (np.abs(last) > _LARGEST_FLAG))
+        if len(odd):
+            raise self._fault(
+                row + int(odd[0]), f"{self.mapping.status} is {last[odd[0]]:g}", "a whole number of 52 bits"
+            )
+        return values, last.astype(np.int64)
 
     def _fault(self, row: int, found: str, expected: str, remedy: str = "") -> ReadingsError:
         return ReadingsError(f"{self.source.path.name}: reading {row + 1}: {found}", expected, remedy)
@@ -214,6 +232,14 @@ def write_mapping(path: str | Path, mapping: LabFileMap) -> Path:
     return file
 
 
+def stated_mapping(columns: Columns) -> LabFileMap:
+    """Return the mapping that a readings file's own header states; nothing of it is in doubt."""
+    time, *axes = (Taken(channel=c.header.strip(), unit=c.unit) for c in columns.used)
+    status = None if columns.status is None else columns.status.header.strip()
+    channels = dict(zip(AXES, axes, strict=True))
+    return LabFileMap(format="lab-file-map/1", confirmed=True, time=time, channels=channels, status=status)
+
+
 def open_recording(path: str | Path, mapping: LabFileMap) -> LabRecording:
     """Hold a file against its mapping.
 
@@ -230,6 +256,8 @@ def open_recording(path: str | Path, mapping: LabFileMap) -> LabRecording:
             "Look at its channels, units and doubts, then set it",
         )
     used = {key: source.readable(taken.channel) for key, taken in mapping.channels.items()}
+    if mapping.status is not None:
+        source.readable(mapping.status)
     notes: list[str] = []
     conversions = []
     factors = np.ones(6)
@@ -257,7 +285,7 @@ def open_recording(path: str | Path, mapping: LabFileMap) -> LabRecording:
             notes.append("no voltages at zero load are given: a tare has to take the offset off")
         if mapping.limit_V is None and calibration.limit_V is None:
             notes.append("the range of the gauges is not known: saturation was not looked for")
-    else:
+    elif mapping.status is None:
         notes.append("no gauge volts are at hand: saturation was not looked for")
     return LabRecording(source, mapping, factors, time_factor, increment, calibration, tuple(conversions), tuple(notes))
 

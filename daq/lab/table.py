@@ -24,6 +24,8 @@ _MINUTES = re.compile(r"^(\d{1,3}):(\d{2})[.,](\d{1,9})$")
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _LONGEST_UNIT = 14
 _HALF_DAY_S, _DAY_S = 43_200.0, 86_400.0
+# As cells write their status flags.
+_HEXADECIMAL = re.compile(r"^0[xX][0-9a-fA-F]{1,16}$")
 _NUMBER = re.compile(r"^[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf|infinity)$", re.IGNORECASE)
 
 
@@ -75,7 +77,9 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
         if "." in text:
             return None
         text = text.replace(",", ".")
-    return float(text) if _NUMBER.match(text) else None
+    if _NUMBER.match(text):
+        return float(text)
+    return float(int(text, 16)) if _HEXADECIMAL.match(text) else None
 
 
 def moment_of(cell: Any) -> Moment | None:

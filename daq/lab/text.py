@@ -158,7 +158,8 @@ class TextChannels(TableChannels):
         table, (self._separator, decimal) = max(found, key=lambda f: f[0].values)
         sample = _split(lines, self._separator)[table.first :]
         width = len(_trimmed(sample[0]))
-        if len(table.names) != width:
+        # The last cells may be empty, such as those of a column for remarks.
+        if not width <= len(table.names) <= len(sample[0]):
             remedy = "Name every column"
             if self._separator == "," and width > len(table.names):
                 remedy = "Commas between columns and in numbers look alike: export it with semicolons or decimal points"

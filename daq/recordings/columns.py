@@ -43,11 +43,19 @@ def number_of(text: str) -> float | None:
 
 @dataclass(frozen=True)
 class Column:
-    """One column to read: quantity (of QUANTITIES, or status), header, place in the file, factor to s, N, N mm."""
+    """One column to read.
+
+    Attributes:
+        quantity: of QUANTITIES, or status.
+        header: with its unit; index: its place in the file.
+        unit: as the header states it; nothing of a status.
+        factor: that brings it to s, N or N mm.
+    """
 
     quantity: str
     header: str
     index: int
+    unit: str
     factor: float
 
 
@@ -130,7 +138,7 @@ def quantity_of(header: str) -> str | None:
 def _column(header: str, index: int, file: str) -> Column | None:
     quantity, match = quantity_of(header), _PATTERN.match(header)
     if quantity == STATUS:
-        return Column(STATUS, header, index, 1.0)
+        return Column(STATUS, header, index, "", 1.0)
     if quantity is None or match is None:
         return None
     unit = match["inside"] if match["inside"] is not None else match["after"]
@@ -149,7 +157,7 @@ def _column(header: str, index: int, file: str) -> Column | None:
             f"one of {' '.join(COMMON[kind])} …, such as {example}",
             did_you_mean(unit, COMMON[kind]),
         )
-    return Column(quantity, header, index, factor)
+    return Column(quantity, header, index, unit, factor)
 
 
 def _number_of(names: Sequence[str]) -> str:

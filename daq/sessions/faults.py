@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from daq.errors import SessionError
-from daq.sessions.models import Environment, Event, KnownWeight, LoadCase, LoadCell, Mount, Session, Specimen
+from daq.sessions.models import Environment, Event, KnownWeight, LoadCase, LoadCell, Mount, Posture, Session, Specimen
 from daq.sessions.rules import Fault, Place
 from daq.vocabulary import did_you_mean, shown
 
@@ -75,6 +75,20 @@ def lines_of(error: ValidationError, data: object, file: str) -> list[SessionErr
 def line_of(fault: Fault, data: object, file: str) -> SessionError:
     """Turn a fault between the parts of a session into its line."""
     return _line(file, f"{place_name(fault.at, data) or 'the session'} {fault.found}", fault.expected, fault.remedy)
+
+
+def require_posture(name: str, angles: Mapping[str, Any]) -> None:
+    """Make sure that a session can have a posture of these angles [deg].
+
+    Raises:
+        SessionError: an angle is missing, impossible, or of no joint.
+    """
+    try:
+        Posture.model_validate(angles)
+    except ValidationError as error:
+        said: Mapping[str, Any] = error.errors()[0].get("ctx", {})
+        found = f"posture {name}{said.get('below', '')} {said.get('found', 'cannot be read')}"
+        raise SessionError(found, said.get("expected", ""), said.get("remedy", "")) from None
 
 
 def place_name(at: Sequence[str | int], data: object) -> str:

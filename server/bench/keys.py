@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TextIO
@@ -21,6 +21,7 @@ KEYS = (
     ("n", "next", "next"),
     ("r", "repeat", "repeat"),
     ("x", "exclude", "exclude"),
+    ("i", "include", "include again"),
     ("w", "known_weight", "known weight"),
     ("p", "posture_set", "posture set"),
     ("m", "cell_moved", "cell moved"),
@@ -31,7 +32,9 @@ KEYS = (
     ("q", QUIT, "quit"),
 )
 QUESTIONS = {
-    "exclude": "Why is the last case left out?",
+    "repeat": "Which case is done once more, or after all where it was skipped?",
+    "exclude": "Which case is left out, and why?",
+    "include": "Which case is taken in again?",
     "known_weight": "Mass in g, direction (such as palmar) and mount:",
     "note": "Note:",
     QUIT: "Close the session and see its predictions (y), or leave it open (n)?",
@@ -69,25 +72,26 @@ class KeyInput:
         self._command = ""
         self.question = self.typed = ""
 
-    def feed(self, keys: str, closed: bool = False) -> list[Pressed]:
+    def feed(self, keys: str, closed: bool = False, answers_begin: Mapping[str, str] | None = None) -> list[Pressed]:
         """Take keys; return what they complete.
 
         Args:
             keys: as read.
             closed: whether the session is closed, so that quitting asks nothing.
+            answers_begin: what stands already in the answer to a command's question, to be gone on with or erased.
         """
         out = []
         for key in keys:
-            pressed = self._answer(key) if self._command else self._begin(key, closed)
+            pressed = self._answer(key) if self._command else self._begin(key, closed, answers_begin or {})
             out += [pressed] if pressed else []
         return out
 
-    def _begin(self, key: str, closed: bool) -> Pressed | None:
+    def _begin(self, key: str, closed: bool, answers_begin: Mapping[str, str]) -> Pressed | None:
         command = _COMMANDS.get(key.lower(), "")
         if command == QUIT and closed:
             return Pressed(QUIT)
         if command in QUESTIONS:
-            self._command, self.question, self.typed = command, QUESTIONS[command], ""
+            self._command, self.question, self.typed = command, QUESTIONS[command], answers_begin.get(command, "")
             return None
         return Pressed(command) if command else None
 

@@ -41,7 +41,15 @@ class View(Protocol):
 
 def from_keys(keys: KeyInput, read: Callable[[], str], run: BenchRun) -> Callable[[], list[Pressed]]:
     """Return what gives commands from keys."""
-    return lambda: keys.feed(read(), run.record.closed)
+
+    def pressed() -> list[Pressed]:
+        typed = read()
+        if not typed:
+            return []
+        status = run.status()
+        return keys.feed(typed, status.closed, status.answers_begin)
+
+    return pressed
 
 
 def from_lines(take: Callable[[], str | None]) -> Callable[[], list[Pressed]]:

@@ -105,5 +105,5 @@ def shown(status: BenchStatus) -> dict[str, Any]:
         "phase": status.phase,
         "suggested": status.suggests,
         "closed": status.closed,
-        "keys": _SHOWN_KEYS,
+        "keys": [key | {"begins": status.answers_begin.get(str(key["command"]), "")} for key in _SHOWN_KEYS],
     }

@@ -31,6 +31,8 @@ AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N mm"), ("Ty", "N mm"), (
 LEAST_SPAN = np.array([0.2, 0.2, 0.2, 4.0, 4.0, 4.0])
 NEAR_FULL_SCALE = 0.8
 _FINE, _PLAIN = "▁▂▃▄▅▆▇█", "_.-~=+*#"
+# The way back from what may have been a slip of the hand.
+_WAYS_BACK = {"case_skipped": "repeat {id} goes back to it", "excluded": "include {case} takes it in again"}
 _MARKS = {"done": "x", "skipped": "-", "now": ">", "open": " "}
 
 
@@ -54,6 +56,7 @@ def line_of(event: Event) -> str:
     """Return one line for an event, for logs and pipes."""
     value = {} if event.kind == STARTED else dict(event.value)
     words = [event.kind.replace("_", " "), *(f"{k} {_brief(v)}" for k, v in value.items())]
+    words += [_WAYS_BACK[event.kind].format(**value)] if event.kind in _WAYS_BACK else []
     return f"{event.at_s:9.2f} s  {'; '.join(words)}"
 
 
@@ -132,8 +135,9 @@ class LiveView:
         self.said = ""
 
     def tell(self, events: Sequence[Event]) -> None:
-        """Clear the last refusal; the events themselves are seen in the next drawing."""
-        self.said = "" if events else self.said
+        """Clear the last refusal, and say how to come back; the events themselves are seen in the next drawing."""
+        if events:
+            self.said = " ".join(line_of(event).strip() for event in events if event.kind in _WAYS_BACK)
 
     def refuse(self, error: Exception) -> None:
         """Show why a key did nothing."""

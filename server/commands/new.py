@@ -14,9 +14,10 @@ import numpy as np
 from rich.prompt import Prompt
 
 from daq.checks import check
+from daq.checks.description import FRAMES
 from daq.errors import InputError
 from daq.files import read_text
-from daq.lab.drafts import Choice, cases_of, is_readings_file, joined, posture_of, still_missing
+from daq.lab.drafts import Choice, cases_of, is_readings_file, joined, still_missing
 from daq.lab.files import LabFileMap, read_mapping
 from daq.lab.levels import Level
 from daq.lab.notebook import Note
@@ -50,7 +51,7 @@ from server.application.new_session import (
 )
 from server.commands.console import answer, at_terminal, progress, say, table
 from server.commands.mapping_dialogue import settled
-from server.commands.questions import ask, ask_finger, ask_postures, lines, number
+from server.commands.questions import ask, ask_finger, ask_postures, lines, number, postures_of
 
 
 @dataclass(frozen=True)
@@ -208,10 +209,8 @@ def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:
     if "load_cell" in lacks:
         model = Prompt.ask("Model of the load cell, such as ATI Nano17-E SI-25-0.25", default="", show_default=False)
         rate = ask("Sampling rate [Hz], 0 if not known", number, "0")
-        tip = Prompt.ask("Axes of readings at the tip: the bone's name", default="distal_phalanx")
-        bone = Prompt.ask("Axes of readings at the bone: the bone's name", default="metacarpal")
         cell = {"model": model or None, "rate_hz": rate if rate > 0.0 else None}
-        mounts = {"tip": {"frame": tip}, "bone": {"frame": bone}}
+        mounts = {place: {"frame": bone} for place, bone in FRAMES.items()}
         out["load_cell"] = {k: v for k, v in cell.items() if v} | {"mounts": mounts}
     return out
 
@@ -330,7 +329,7 @@ def _postures(options: NewOptions, wanted: Sequence[str], finger: Finger, asking
     known: dict[str, dict[str, float]] = {}
     if options.like is not None:
         known |= plain_document(read_session(options.like)).get("postures_deg", {})
-    known |= dict(posture_of(text) for text in options.postures)
+    known |= postures_of(options.postures, finger)
     lacks = lacking(wanted, known)
     if lacks and not asking:
         raise InputError(

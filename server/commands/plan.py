@@ -9,7 +9,6 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.files import read_text
-from daq.lab.drafts import posture_of
 from daq.quoting import quoted
 from daq.sessions.protocols import Protocol, protocol_names, read_protocol
 from fingermodel.fingers.files import finger_names, read_finger
@@ -28,7 +27,7 @@ from server.application.bench_plan import (
 from server.application.exporting import writing
 from server.application.new_session import lacking, notes_of
 from server.commands.console import answer, at_terminal, progress, say
-from server.commands.questions import ask, ask_finger, ask_postures, lines, number
+from server.commands.questions import ask, ask_finger, ask_postures, lines, number, postures_of
 from server.commands.scaling import measures
 from server.figures.comparison_words import counted
 
@@ -153,7 +152,7 @@ def _arms(text: str) -> dict[str, float]:
 
 
 def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
-    postures = dict(posture_of(text) for text in options.postures)
+    postures = postures_of(options.postures, finger)
     name, loads = options.protocol, None
     if options.loads is not None:
         loads = read_text(options.loads, "loads as text or CSV")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -45,9 +46,12 @@ def number(text: str) -> float:
         InputError: it is none.
     """
     try:
-        return float(text.replace(",", "."))
+        found = float(text.replace(",", "."))
     except ValueError:
-        raise InputError(f"{text!r}", "a number, such as 0.85") from None
+        found = math.nan
+    if not math.isfinite(found):
+        raise InputError(f"{text!r}", "a number, such as 0.85")
+    return found
 
 
 def lines(example: str, read: Callable[[str, bool], object]) -> str:
@@ -93,21 +97,29 @@ def ask_finger() -> str:
     return ask(f"Finger: a file, or one of {', '.join(finger_names())}", readable, "an1979_middle")
 
 
+def postures_of(texts: Sequence[str], finger: Finger) -> dict[str, dict[str, float]]:
+    """Read postures such as `hook: MCP 0 PIP 65 DIP 50` [deg], whose angles have to be those of a finger's joints.
+
+    Raises:
+        InputError: one cannot be read, or a session or the finger can have no such angles.
+    """
+    from fingermodel.comparison.observations import posture_rad
+
+    found = dict(posture_of(text) for text in texts)
+    for name, angles in found.items():
+        posture_rad(finger.topology, angles, f"posture {name}")
+    return found
+
+
 def ask_postures(names: Sequence[str], finger: Finger) -> dict[str, dict[str, float]]:
     """Ask for the angles of postures [deg], which have to be those of a finger's joints.
 
     Raises:
         EOFError: the input has ended.
     """
-    from fingermodel.comparison.observations import posture_rad
 
     def read(name: str) -> Callable[[str], dict[str, float]]:
-        def angles(text: str) -> dict[str, float]:
-            found = posture_of(f"{name}: {text}")[1]
-            posture_rad(finger.topology, found, f"posture {name}")
-            return found
-
-        return angles
+        return lambda text: postures_of([f"{name}: {text}"], finger)[name]
 
     example = " ".join(
         f"{joint} {angle}" for joint, angle in zip(finger.topology.rotations, (0, 0, 65, 50), strict=False)

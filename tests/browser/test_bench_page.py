@@ -65,6 +65,8 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
             measured(seen, story, k + 1)
             mark = seen.page.locator(f'[data-step="{name}"]')
             mark.and_(seen.page.locator(".measured")).wait_for()
+            if k == 0:
+                excluded_and_included(seen, story, name)
             if name == "c007":
                 seen.page.evaluate(HOLD_ANSWERS)
             key(seen, "next").click()
@@ -99,6 +101,24 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
         seen.page.close()
         assert seen.complaints == []
         assert seen.elsewhere == []
+
+
+def excluded_and_included(seen: Watched, story: Story, case: str) -> None:
+    """The case that is meant stands in the field before a reason is typed."""
+    seen.page.keyboard.press("x")
+    field = seen.page.get_by_label("Which case is left out, and why?")
+    until(seen, "() => document.activeElement.id === 'bench-text'")
+    assert field.input_value() == f"{case} "
+    seen.page.keyboard.type("it slipped")
+    seen.page.keyboard.press("Enter")
+    story.wait_for(f"excluded; case {case}; reason it slipped")
+    seen.page.locator(f'[data-step="{case}"].excluded').wait_for()
+    key(seen, "include").click()
+    again = seen.page.get_by_label("Which case is taken in again?")
+    assert again.input_value() == case
+    again.press("Enter")
+    story.wait_for(f"included; case {case}")
+    seen.page.locator(f'[data-step="{case}"].measured').wait_for()
 
 
 # Where hint, force and keys are [px] while the hint has a second line.
@@ -316,6 +336,14 @@ def test_it_can_be_read_from_two_metres_pressed_with_gloves_and_looked_back_in(
         key(seen, "confirm").click()
         seen.page.get_by_text("there is no plateau to confirm").wait_for()
         seen.complaints = [c for c in seen.complaints if "409" not in c]
+        # What was skipped is gone back to: it stands in the field, being the one that was left.
+        seen.page.keyboard.press("r")
+        assert seen.page.get_by_label("Which case is done once more").input_value() == "c001"
+        seen.page.keyboard.press("Enter")
+        story.wait_for("step; id c001; back True")
+        seen.page.locator('[data-step="c001"].now').wait_for()
+        key(seen, "next").click()
+        story.wait_for("  step;", 4)
         # Looking back: it stays where it is while more comes, and the service gives what the page never had.
         traces = seen.page.get_by_role("group", name=re.compile("^Six traces"))
         live = seen.page.get_by_role("button", name="Live")

@@ -19,7 +19,7 @@ from daq.bench.run import BenchRun
 from daq.errors import SessionError
 from daq.journal.rows import Event
 from daq.standins.simulated import LoadStep
-from server.bench.keys import ESCAPE, KEYS, KeyInput, Pressed, terminal_keys, typed_lines
+from server.bench.keys import ESCAPE, KEYS, QUESTIONS, KeyInput, Pressed, terminal_keys, typed_lines
 from server.bench.loop import from_lines
 from server.bench.meter import POINTS, StreamMeter
 from server.bench.view import LineView, LiveView, bar, line_of, render, sparkline
@@ -151,8 +151,9 @@ def test_predictions_of_validation_cases_are_drawn_after_the_end_alone() -> None
     assert "predicted (-0.68 -1.74 +0.16) N" in drawn(bench, metered(steady(1.0)), results=bench.run.results())
 
 
-@pytest.mark.parametrize(("key", "command"), [(k, c) for k, c, _ in KEYS if c not in
-                         ("exclude", "known_weight", "note", "quit")] + [("\r", "confirm"), ("T", "tare")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("key", "command"), [(k, c) for k, c, _ in KEYS if c not in QUESTIONS] + [("\r", "confirm"), ("T", "tare")]
+)
 def test_keys_are_commands(key: str, command: str) -> None:
     assert KeyInput().feed(key) == [Pressed(command)]
 
@@ -160,9 +161,14 @@ def test_keys_are_commands(key: str, command: str) -> None:
 def test_some_keys_ask_and_what_is_typed_is_no_command() -> None:
     keys = KeyInput()
     assert keys.feed("x") == []
-    assert keys.question.startswith("Why")
-    assert keys.feed("slipx\x7fped\n") == [Pressed("exclude", "slipped")]
+    assert keys.question.startswith("Which case is left out")
+    assert keys.feed("c001 slipx\x7fped\n") == [Pressed("exclude", "c001 slipped")]
     assert keys.question == ""
+    # The case that is meant is seen before anything is typed, and can be changed.
+    begun = {"exclude": "c012 "}
+    assert (keys.feed("x", answers_begin=begun), keys.typed) == ([], "c012 ")
+    assert keys.feed("c001 shows it\n") == [Pressed("exclude", "c012 c001 shows it")]
+    assert keys.feed("x" + 2 * "\x7f" + "1 slipped\n", answers_begin=begun) == [Pressed("exclude", "c011 slipped")]
     assert keys.feed("kquiet" + ESCAPE + "n") == [Pressed("next")]
     assert keys.feed("w500 palmar\rt") == [Pressed("known_weight", "500 palmar"), Pressed("tare")]
     assert keys.feed("?ß1 ") == []
@@ -236,6 +242,8 @@ def test_without_a_terminal_each_event_is_one_line() -> None:
     LineView(latin).tell([Event("note", 2.0, {"text": "Probe → 3"})])
     latin.flush()
     assert b"Probe ? 3" in latin.buffer.getvalue()
+    skipped = line_of(Event("case_skipped", 2.0, {"id": "c002"}))
+    assert skipped == "     2.00 s  case skipped; id c002; repeat c002 goes back to it"
     assert line_of(Event("gap", 1.5, {"lost_samples": 3})) == "     1.50 s  gap; lost_samples 3"
 
 

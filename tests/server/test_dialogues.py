@@ -18,7 +18,7 @@ from tests.server.lab import POSTURE, lab_files
 from tests.server.terminal import answering
 
 ANGLES = POSTURE.partition(": ")[2]
-SAME_AGAIN = ["", "", "left", "", "0.835", "", "", "", ""]
+SAME_AGAIN = ["", "", "left", "", "0.835", "", ""]
 
 
 ROOT = Path(__file__).parents[2]
@@ -48,10 +48,10 @@ def test_a_session_is_made_by_answers_and_wrong_ones_lose_nothing(lab: Path, not
         "maybe", "y",
         "", "S01", "", "", "both", "left",
         "an1979_midle", "", "", "much", "2", f"{factor}".replace(".", ","),
-        "ATI Nano17", "often", "100", "", "",
+        "ATI Nano17", "often", "inf", "100",
         "", "FDX 1, hook, tip", *notes[:3], "FDP nothing", *notes[3:], "",
         "99 tare", "tomorrow", "3 RI", "3 skip", f"3 {notes[1]}", "",
-        "PIP", "PIP 55 WRIST 3", ANGLES,
+        "PIP", "PIP 55 WRIST 3", "MCP 0 PIP 65", "MCP 0 PIP 650 DIP 50", ANGLES,
     ]  # fmt: skip
     code, shown, err = answering(answers, "new", lab / "rig.csv", "--out", out)
     assert (code, err) == (0, "")
@@ -61,6 +61,7 @@ def test_a_session_is_made_by_answers_and_wrong_ones_lose_nothing(lab: Path, not
         "'much'; expected a number",
         "a factor of 2; expected 0 < factor",
         "'often'; expected a number",
+        "'inf'; expected a number",
         "the notebook is empty",
         "line 1 of the notebook names 'FDX'",
         "line 4 of the notebook has 'FDP nothing'",
@@ -68,6 +69,8 @@ def test_a_session_is_made_by_answers_and_wrong_ones_lose_nothing(lab: Path, not
         "3 is now skip",
         "posture 'minor_flexion: PIP'; expected a name and angles",
         "sets WRIST; expected angles of MCP",
+        "posture minor_flexion lacks DIP; expected joint angles in degrees",
+        "posture minor_flexion.PIP is 650; expected an angle within ±180 degrees",
     ):
         assert said in shown
     session = read_session(out)
@@ -76,13 +79,14 @@ def test_a_session_is_made_by_answers_and_wrong_ones_lose_nothing(lab: Path, not
     document = plain_document(session)
     assert (document["tension_factor"], document["load_cell"]["rate_hz"]) == (factor, 100)
     assert document["load_cell"]["model"] == "ATI Nano17"
+    assert document["load_cell"]["mounts"] == {"tip": {"frame": "distal_phalanx"}, "bone": {"frame": "metacarpal"}}
     # The mapping that was confirmed serves the next run.
     assert read_mapping(out / "map.yaml").confirmed
 
 
 def test_the_tutorial_shows_what_its_files_give(tmp_path: Path) -> None:
     files = ROOT / "data" / "recordings"
-    answers = ["y", "S01", "", "", "left", "", "0.835", "", "", "", "", "", "MCP 0 PIP 65 DIP 50"]
+    answers = ["y", "S01", "", "", "left", "", "0.835", "", "", "", "MCP 0 PIP 65 DIP 50"]
     given = ["new", files / "rig.csv", "--notes", files / "notes.txt", "--out", tmp_path / "monday"]
     code, shown, err = answering(answers, *given)
     assert (code, err) == (0, "")

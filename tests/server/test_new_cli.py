@@ -10,7 +10,7 @@ import yaml
 
 from daq.checks import check
 from daq.locations import data_dir
-from daq.recordings.readings import open_readings
+from daq.recordings.readings import open_readings, write_readings
 from daq.sessions import read_session, read_yaml
 from daq.signals.corrections import measure
 from tests.server.lab import POSTURE, SOURCE, lab_files
@@ -133,8 +133,11 @@ def test_a_time_that_does_not_go_on_is_one_line_and_no_session(times: str, lab: 
     rows = [*rows[:700], rows[699], *rows[700:]] if times == "twice" else rows[:700] + rows[:700]
     head = "t_s,Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm"
     (tmp_path / "r.csv").write_text("\n".join([head, *rows]) + "\n", "utf-8")
+    write_readings(tmp_path / "r.parquet", open_readings(tmp_path / "r.csv").blocks())
     given = ["--notes", lab / "notes.txt", "--setup", lab / "setup.yaml", "--posture", POSTURE, "--yes"]
-    said = refused("new", tmp_path / "r.csv", "--out", tmp_path / "made", *given)
+    wrong = "stands still at 13.98 s" if times == "twice" else "goes back from 13.98 s to 0 s"
+    assert f"r.csv: reading 701: time {wrong}" in refused("new", tmp_path / "r.csv", "--out", tmp_path / "made", *given)
     before = "13.98 s" if times == "twice" else "0 s"
-    assert f"r.csv: reading 701 has the time {before}, and the one before it 13.98 s" in said
+    said = refused("new", tmp_path / "r.parquet", "--out", tmp_path / "made", *given)
+    assert f"r.parquet: reading 701 has the time {before}, and the one before it 13.98 s" in said
     assert not (tmp_path / "made").exists()

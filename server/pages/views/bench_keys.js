@@ -91,7 +91,7 @@ export class Keys {
 
   /** An inline field for a key that needs a text. */
   ask(key) {
-    const input = el("input", { id: "bench-text", maxLength: 500, autocomplete: "off" });
+    const input = el("input", { id: "bench-text", maxLength: 500, autocomplete: "off", value: key.begins || "" });
     const form = el("form", { class: "row", onsubmit: (e) => { e.preventDefault(); this.send(key, input.value); } },
       el("div", { class: "wide" }, el("label", { htmlFor: "bench-text" }, key.asks), input), el("button", { class: "main", type: "submit" }, "Send"),
       el("button", { type: "button", onclick: () => this.done() }, "Cancel"));

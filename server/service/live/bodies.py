@@ -60,6 +60,7 @@ class BenchKey(BaseModel):
     key: str = Field(max_length=10, description="That gives it at the bench's own keyboard; empty where none does.")
     title: str = Field(max_length=100, description="What it is called.")
     asks: str | None = Field(default=None, max_length=200, description="The question whose answer belongs to it.")
+    begins: str = Field(default="", max_length=200, description="What that answer begins with, unless it is changed.")
 
 
 class BenchShown(BaseModel):

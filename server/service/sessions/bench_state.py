@@ -191,9 +191,8 @@ class BenchState:
         kind = event.kind
         self.warnings = [w for w in self.warnings if kind not in _WARNINGS.get(w.code, _UNKNOWN)[2]]
         self._follow(event)
-        left = kind == "step" and "repeat_of" not in event.value
         # A weight that hung on the cell itself says nothing about the cell at the finger.
-        if kind in _ENDS_TARE or (left and self.now is not None and self.now.case is None):
+        if kind in _ENDS_TARE or (kind == "step" and self.now is not None and self.now.case is None):
             self.tare = None
         if kind in ("unloaded", "loaded"):
             self.phase, self.offered = ("unloaded" if kind == "unloaded" else "loaded"), False

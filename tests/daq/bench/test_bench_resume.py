@@ -44,7 +44,8 @@ from tests.daq.bench_plays import (
 # All that changes where a bench stands.
 EVENTFUL: list[Line] = [
     *tared(), *hung(WEIGHT), "next", *tared(), *case("tip", FDP=950), "repeat", *case("tip", FDP=950),
-    "exclude it slipped", "next", "next", "known_weight 250 palmar tip", *tared(), *hung(0.5 * WEIGHT), "next",
+    "exclude c001r1 it slipped", "include c001r1", "exclude c001r1 it slipped",
+    "next", "next", "repeat c002", "next", "known_weight 250 palmar tip", *tared(), *hung(0.5 * WEIGHT), "next",
     "posture_set", *tared(), "repeat c001", "next", *case("tip", FDP=500, FDS=500), *tared(), "next",
     "cell_moved", "posture_set", *tared(), *case("bone", FDP=950), "next", "known_weight 100 palmar", "next",
 ]  # fmt: skip

@@ -247,9 +247,37 @@ def test_a_repeat_asked_for_late_comes_before_what_waits() -> None:
     assert played.values("case_skipped") == [{"id": "c001r1"}]
 
 
+def test_a_case_that_was_skipped_can_be_gone_back_to() -> None:
+    played = bench().play([*BEGUN, *case("tip", FDP=950), "next", "next"])
+    assert played.values("case_skipped") == [{"id": "c002"}]
+    assert played.run.status().answers_begin["repeat"] == "c002"
+    assert "no case c003 was taken or skipped; expected one of c001 c002" in refused(played, "repeat c003")
+    played.play(["repeat c002", *case("tip", FDS=950), "next"])
+    taken = played.run.record.cases["c002"]
+    assert (taken["masses_g"], taken.get("repeat_of")) == ({"FDS": 950}, None)
+    status = played.run.status()
+    assert [(name, state) for name, _, state in status.checklist] == [
+        ("weight_before", "skipped"), ("c001", "done"), ("c002", "done"), ("c003", "now"), ("c004", "open"),
+        ("weight_after", "open"),
+    ]  # fmt: skip
+    assert status.answers_begin["repeat"] == "c002"
+    played.play(["repeat c002", "next", "next", "next", "next"])
+    assert played.run.status().step == "all steps are done"
+    played.press("repeat c003")
+    assert played.run.status().step.startswith("c003")
+    played.press("close")
+    assert played.values("closed")[0]["undone"] == ["c002r1", "c004", "c003"]
+
+
+def test_a_tare_of_the_known_weight_is_none_of_a_case() -> None:
+    script: list[Line] = [*BEGUN, *case("tip", FDP=950), "next", "next", "next", "next", *tared(), "repeat c001"]
+    played = bench().play(script)
+    assert played.run.status().step.startswith("c001r1")
+    assert "no tare" in refused(played, "loaded")
+
+
 def test_an_exclusion_needs_a_reason_before_unblinding() -> None:
     played = bench().play([*BEGUN, *case("tip", FDP=950), "next", *case("tip", FDS=950)])
-    assert "without a reason" in refused(played, "exclude")
     assert "without a reason" in refused(played, "exclude c001")
     played.press("exclude c001 the hanger touched the table")
     assert "already" in refused(played, "exclude c001 again")
@@ -258,6 +286,44 @@ def test_an_exclusion_needs_a_reason_before_unblinding() -> None:
     played.press("close")
     for line in ("exclude c002 it does not fit", "repeat", "loaded", "tare", "note x", "close"):
         assert "closed" in refused(played, line)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("exclude", "no case is named; expected one of c001 c002"),
+        ("exclude it slipped", "no case it was taken"),
+        ("exclude c003 it slipped", "no case c003 was taken"),
+        ("exclude C001 it slipped", "no case C001 was taken; expected one of c001 c002. Did you mean c001?"),
+        ("exclude c01 it slipped", "Did you mean c001?"),
+        ("include", "no case is named; expected one of (none yet)"),
+        ("include c001", "no case c001 is excluded"),
+    ],
+)
+def test_no_other_case_is_excluded_than_the_one_that_is_named(line: str, said: str) -> None:
+    played = bench().play([*BEGUN, *case("tip", FDP=950), "next", *case("tip", FDS=950)])
+    assert said in refused(played, line)
+    assert played.run.record.excluded == ()
+
+
+def test_an_exclusion_can_be_taken_back_and_stays_in_the_notes() -> None:
+    played = bench().play([*BEGUN, *case("tip", FDP=950), "next", *case("tip", FDS=950)])
+    before = played.run.status().last
+    played.press("exclude c002 slipped")
+    assert played.run.status().last is None
+    assert "no case c001 is excluded; expected one of c002" in refused(played, "include c001")
+    played.press("include c002")
+    after = played.run.status().last
+    assert before is not None
+    assert after is not None
+    assert after.as_value() == before.as_value()
+    assert [r.case for r in played.run.results()] == ["c001", "c002"]
+    assert BenchRecord.of(played.said).document() == played.run.record.document()
+    notes = [e.get("text") for e in played.run.record.events if e["kind"] == "note"]
+    assert notes[-1] == "case c002 was excluded (slipped), and is taken in again"
+    assert played.run.status().answers_begin["exclude"] == "c002 "
+    played.play(["exclude c001 it touched", "close"])
+    assert "closed" in refused(played, "include c001")
 
 
 def test_validation_stays_blind_until_the_session_is_closed() -> None:
@@ -308,7 +374,8 @@ def test_unknown_commands_name_the_known_ones() -> None:
     assert "one of tare unloaded" in refused(played, "")
     assert "an empty note" in refused(played, "note  ")
     assert "no case c9 was taken" in refused(played, "repeat c9")
-    assert "no case was taken" in refused(played, "exclude it slipped")
+    assert "no case is named" in refused(played, "repeat")
+    assert played.run.status().answers_begin == {}
 
 
 def test_the_ring_is_bounded() -> None:

@@ -86,6 +86,10 @@ def test_a_posture_by_its_angles() -> None:
     for text in ("hook", "hook: ", ": MCP 1", "hook: MCP x"):
         with pytest.raises(InputError, match="a name and angles"):
             posture_of(text)
+    assert posture_of("bent: MCP2 10")[1] == {"MCP2": 10.0}
+    for text, said in (("MCP 0 PIP 65", "posture hook lacks DIP"), ("MCP 0 PIP 650 DIP 50", "posture hook.PIP is 650")):
+        with pytest.raises(InputError, match=said):
+            posture_of(f"hook: {text}")
 
 
 # A rig whose force is the masses' by a matrix of its own for each block, tares that differ from block to block, noise.

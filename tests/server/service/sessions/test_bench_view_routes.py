@@ -70,7 +70,12 @@ def test_a_bench_stands_at_the_service_as_it_does_at_its_terminal(played: Played
     assert repeated["now"] == "c001r1"
     step = repeated["steps"][2]
     assert (step["id"], step["repeat_of"], step["masses_g"]) == ("c001r1", "c001", {"FDP": 950.0})
-    moved = stands(played, "next", "next", "posture_set", wait(0.1))
+    skipped = stands(played, "next", "next")
+    assert skipped["now"] == "c003"
+    back = stands(played, "repeat c002")
+    assert (back["now"], [s["id"] for s in back["steps"]]) == ("c002", [*STEPS[:2], "c001r1", *STEPS[2:]])
+    assert back["steps"][3]["state"] == "open"
+    moved = stands(played, "next", "posture_set", wait(0.1))
     assert (moved["tare"], moved["drift"]) == (None, None)
     assert moved["place"] == {"posture": "relaxed", "location": "tip"}
     assert stands(played, "close")["todo"] == "closed"
