@@ -19,6 +19,8 @@ def provenance(session: Session) -> dict[str, Any]:
         "session": measured.session.id,
         "model": session.loaded.name,
         "residuals_after": session.loaded.fitted,
+        "outdated": session.loaded.outdated,
+        "measured_sha256": measured.sha256,
         "tension_factor": measured.tension_factor,
         "tension_factor_source": measured.tension_factor_source,
         "budget": session.model.budget.name,
