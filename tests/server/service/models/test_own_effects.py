@@ -46,3 +46,13 @@ def test_an_effect_that_an_earlier_version_kept_does_not_hide_the_others(service
         row = {"name": document["name"], "created_utc": now_utc(), "document": document}
         connection.execute(insert(own_effects).values(row))
     assert names(service) == [kept]
+
+
+def test_several_formulas_may_be_tried_at_one_place(service: ServiceReceiver) -> None:
+    formulas = (FORMULA, "torque[PIP] += k * t_FDP", "torque[PIP] *= 1 - k")
+    made = [service.client().post(AT, json={"formula": f}) for f in formulas]
+    assert [m.status_code for m in made] == [201, 201, 201]
+    checked = [service.client().post(f"{AT}/check", json={"formula": f}).json()["name"] for f in formulas]
+    assert [m.json()["name"] for m in made] == checked
+    assert sorted(names(service)) == sorted(checked)
+    assert service.client().post(AT, json={"formula": FORMULA}).status_code == 200
