@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +15,9 @@ from daq.recordings.plateaus import Plateau
 from daq.sessions.models import LoadCase, Session
 
 Floats = NDArray[np.float64]
+
+# Of a reading [N, N mm] in a digest: below what cells resolve, above what computers differ by.
+_DIGITS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +142,23 @@ class MeasuredSession:
         estimate = self.estimated_tension
         return 0.0 if estimate is None else estimate.sd / estimate.value
 
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of what a fit takes of it: what was set in each case, and what was read."""
+        postures = self.session.postures_deg
+        cases = [
+            [c.id, c.role, c.location, c.posture, c.setting, c.mounting, c.masses_g, _rounded(m.wrench)]
+            for m in sorted(self.cases, key=lambda m: m.case.id)
+            for c in (m.case,)
+        ]
+        said = {
+            "cases": cases,
+            "postures_deg": {name: postures[name].model_dump() for name in {m.case.posture for m in self.cases}},
+            "checks": [[c.mount, c.mounting, _rounded(c.force_N), _rounded(c.wrench)] for c in self.checks],
+            "pull_N_per_kg": round(self.tension_factor * self.session.gravity_m_s2, _DIGITS),
+        }
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
     @property
     def as_entered(self) -> MeasuredSession:
         """The same readings under the entries as they were made; a case that an amendment left out stays out."""
@@ -177,3 +200,8 @@ class MeasuredSession:
     def case_covariance(self, index: int) -> Floats:
         """Return the covariance (6, 6) of one case's wrench, its tares included."""
         return self.covariance([index])
+
+
+def _rounded(values: Floats) -> list[float]:
+    # Zero has no sign.
+    return [round(float(v), _DIGITS) + 0.0 for v in values]

@@ -13,7 +13,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from daq.documents import EACH_ONCE, RepeatedNameError, unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
+from daq.measured import MeasuredSession
 from fingermodel.budget import Budget, budget_of
 from fingermodel.effects import catalogue
 from fingermodel.effects.user import effect_from_dict
@@ -33,6 +34,9 @@ from fingermodel.model import Model
 from fingermodel.stages import Effect, Layout
 
 FORMAT = "fingertwin-model/1"
+# How a model's fit stands to the session that it is held against.
+_FITTED, _CHANGED = "fitted to these readings", "fitted to this session before it was changed"
+_ELSEWHERE = "not refitted to these readings"
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,8 @@ class Step:
 class LoadedModel:
     """A model ready for one session: parameters, and what had to be left out to make it fit.
 
-    `added` names the parameters of the effects that earlier revisions added, `history` tells those revisions in turn.
+    `added` names the parameters of the effects that earlier revisions added, `history` tells those revisions in turn,
+    and `fit` how it stands to the session's readings.
     """
 
     name: str
@@ -100,13 +105,23 @@ class LoadedModel:
     notes: tuple[str, ...]
     added: tuple[str, ...] = ()
     history: tuple[dict[str, Any], ...] = ()
+    fit: str = _FITTED
 
     @property
     def fitted(self) -> str:
         """After which fit residuals of this model are, in words."""
         if self.name == self.model.finger.id:
             return f"{self.name} as its file has it, before any refit"
-        return f"{self.name}, {'not refitted' if self.notes else 'fitted'} to these readings"
+        return f"{self.name}, {self.fit}"
+
+    @property
+    def outdated(self) -> bool:
+        """Whether it was fitted to the session before that was changed."""
+        return self.fit == _CHANGED
+
+    def refitted(self, name: str, theta: NDArray[np.float64], added: tuple[str, ...]) -> LoadedModel:
+        """Return the model at a fit to the session's readings."""
+        return replace(self, name=name, theta=theta, added=added, notes=(), fit=_FITTED)
 
 
 def revision_document(
@@ -119,6 +134,7 @@ def revision_document(
     readings_sha256: str | None,
     note: str = "",
     step: Step | None = None,
+    measured_sha256: str | None = None,
 ) -> dict[str, Any]:
     """Describe a fit as a revision.
 
@@ -132,6 +148,7 @@ def revision_document(
         readings_sha256: of the readings file, None for averaged forces.
         note: anything to keep with it.
         step: which effects it holds, what changed, and on what evidence; by default none.
+        measured_sha256: `MeasuredSession.sha256` of what was fitted, by which a later change of it is noticed.
     """
     step = step or Step()
     free = np.flatnonzero(fit.free)
@@ -139,7 +156,7 @@ def revision_document(
     body: dict[str, Any] = {
         "format": FORMAT,
         "parent": parent,
-        "session": {"id": session, "readings_sha256": readings_sha256},
+        "session": {"id": session, "readings_sha256": readings_sha256, "measured_sha256": measured_sha256},
         "method": fit.method,
         "outcome": fit.outcome,
         "message": fit.message,
@@ -307,6 +324,7 @@ def load_model(
     layout: Layout,
     budget: Budget,
     effects: tuple[Effect, ...] = (),
+    measured: MeasuredSession | None = None,
 ) -> LoadedModel:
     """Load what `--model` names (a revision, a finger file, a shipped finger) for one session.
 
@@ -319,11 +337,12 @@ def load_model(
         budget: of the session.
         effects: that the model shall hold at their null, such as the catalogue; a revision with effects of its own
             holds the whole catalogue anyway, so that all share one compiled program.
+        measured: the session, by which a revision is known that was fitted before a change; None where nothing is yet.
     """
     if isinstance(name, str | os.PathLike) and Path(name).suffix == ".json":
         name = read_revision(name)
     if isinstance(name, Revision):
-        return _from_revision(name, session_id, layout, effects)
+        return _from_revision(name, session_id, layout, effects, measured)
     if isinstance(name, Finger):
         finger = name
     else:
@@ -332,7 +351,13 @@ def load_model(
     return LoadedModel(finger.id, model, model.initial, finger.id, ())
 
 
-def _from_revision(revision: Revision, session_id: str, layout: Layout, effects: tuple[Effect, ...]) -> LoadedModel:
+def _from_revision(
+    revision: Revision,
+    session_id: str,
+    layout: Layout,
+    effects: tuple[Effect, ...],
+    measured: MeasuredSession | None,
+) -> LoadedModel:
     settings = {k: v for k, v in revision.document["budget"].items() if k != "name"}
     held = revision.document.get("effects") or []
     if held:
@@ -360,7 +385,12 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout, effects:
         if name in kinds and (same or kinds[name] != "budget"):
             theta[model.parameters.index[name]] = value
     added = tuple(n for e in held for n in e["parameters"] if n in kinds)
-    used = "its anatomy and its effects are used here, the small" if added else "its anatomy is used here, the"
-    note = f"fitted to session {revision.session}: {used} errors of that rig are not"
     history = tuple(revision.document.get("history") or ())
-    return LoadedModel(revision.id, model, theta, revision.id, () if same else (note,), added, history)
+    notes, fit = tuple[str, ...](), _FITTED
+    if not same:
+        used = "its anatomy and its effects are used here, the small" if added else "its anatomy is used here, the"
+        notes, fit = (f"fitted to session {revision.session}: {used} errors of that rig are not",), _ELSEWHERE
+    # Revisions of earlier versions do not say what they were fitted to.
+    elif measured is not None and revision.document["session"].get("measured_sha256") not in (None, measured.sha256):
+        notes, fit = (f"{revision.id} was {_CHANGED}: only a refit takes the change in",), _CHANGED
+    return LoadedModel(revision.id, model, theta, revision.id, notes, added, history, fit)

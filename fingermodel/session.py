@@ -112,7 +112,9 @@ class Session:
         # Readings that change within their windows have as far to go; a factor that was estimated is off a little.
         budget = budget_of(session.budget).with_tension_sd(measured.creep, measured.tension_factor_rel_sd)
         held = held_effects(effects) if catalogue or effects else ()
-        loaded = load_model(model, session.id, session.finger, session.folder, layout_of(measured), budget, held)
+        loaded = load_model(
+            model, session.id, session.finger, session.folder, layout_of(measured), budget, held, measured
+        )
         observations = observe(measured, loaded.model.finger, loaded.model.budget)
         return cls(measured, observations, loaded)
 
@@ -151,7 +153,7 @@ class Session:
         result = fit if isinstance(fit, Fit) else fit.fit
         added = tuple(p.name for p in result.parameters if p.kind == "effect")
         name = f"{self.model.finger.id}, refitted"
-        return replace(self, loaded=replace(self.loaded, name=name, theta=result.theta, added=added, notes=()))
+        return replace(self, loaded=self.loaded.refitted(name, result.theta, added))
 
     def without(self, effects: Sequence[str]) -> Session:
         """Return the session with effects, candidates or parameters at their null; what was fitted beside them stays.

@@ -203,6 +203,18 @@ def words(amended: Amendment) -> str:
     return ", ".join(parts)
 
 
+def amended_line(row: Mapping[str, Any]) -> str:
+    """Return one of the amendments `listed` on one line."""
+    entered = []
+    for name, value in row["entered"].items():
+        if isinstance(value, dict):
+            entered.append(" and ".join(f"{m} {g:g} g" for m, g in value.items()) or "no weight")
+        elif name != "excluded":
+            entered.append(str(value))
+    instead = f" (entered: {', '.join(entered)})" if entered else ""
+    return f"Amended {row['case']}: {row['words']}{instead}; {row['why']} [{row['at']}]"
+
+
 def _expect_known(names: Iterable[str], known: Collection[str], what: str) -> None:
     """Refuse a name that is not known."""
     for name in names:

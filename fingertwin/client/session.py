@@ -285,7 +285,7 @@ class Session:
         return SessionInfo.of(self._exchange.post(self._path("close"), {}, again=True))
 
     def delete(self) -> None:
-        """Hide it. What it holds is kept, and its id is not used again."""
+        """Hide it. What it holds is kept until a purge; the same session, uploaded again, brings it back."""
         self._exchange.ask("DELETE", self._path(), again=False)
 
     def live(self, after: int | None = None) -> Generator[Message, None, None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -97,7 +98,10 @@ def resolved_effects(given: Sequence[str], *, files: bool = True) -> tuple[list[
 
 
 def formula_of(text: str) -> Effect:
-    """Make an effect of a formula with one coefficient k, as a hint prints it; unit and range follow from its place."""
+    """Make an effect of a formula with one coefficient k, as a hint prints it; unit and range follow from its place.
+
+    Its name is of its place and its text, so that several may be tried at one place.
+    """
     text = one_line(text)
     left, _, right = text.partition("=")
     left = left.rstrip("+* ")
@@ -112,10 +116,11 @@ def formula_of(text: str) -> Effect:
         unit, reach = "N", 1.0
     else:
         unit, reach = "1", 0.2
-    name = "".join(c if c.isalnum() else "_" for c in left).strip("_").lower()
+    place = "".join(c if c.isalnum() else "_" for c in left).strip("_").lower()
+    digest = hashlib.sha256(text.encode()).hexdigest()[:4]
     document = {
         "format": "fingertwin-effect/1",
-        "name": f"own_{name}",
+        "name": f"own_{place}_{digest}",
         "title": f"a term of the user's in {left}",
         "source": "given as a formula",
         "formula": text,

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from server.application.provenance import told_first
 from server.figures import diagnosis_tables as tables
 from server.figures import diagnosis_words as said
 from server.figures import graph_objects as go
@@ -25,7 +26,7 @@ from server.figures.diagnosis_torque import torque_figure
 from server.figures.diagnosis_words import title
 from server.figures.plot import Plot
 from server.figures.report import Section, Steps, Table, plot_or_reason, write_report
-from server.figures.report_front import closing_sections, finger_section, folded, to_do
+from server.figures.report_front import closing_sections, finger_section, folded, read_first, to_do
 from server.figures.shared_law import own_curve_figure, shared_sections
 from server.figures.style import number
 
@@ -114,6 +115,7 @@ def diagnosis_sections(
     cases = said.counts(answer)
     caption = "The load case that it changes most. Solid: measured, dashed: predicted with it, dotted: without it."
     first = [
+        *read_first(told_first(answer)),
         Section("Verdict", said.verdict_sentences(answer)),
         Section("What to do", [Steps(to_do(answer))]),
         Section("Error before and after", or_else(tables.error_table(answer), "No error before or after is stated.")),

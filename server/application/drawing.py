@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fingermodel.session import Session, readings_digest
-from server.application.provenance import origin_of
+from server.application.provenance import origin_of, provenance, told_first
 from server.figures.compared import Compared
 from server.figures.comparison import comparison_report
 from server.figures.specimen_spread import spread_of
@@ -55,6 +55,7 @@ def draw_comparison(
         ),
         session=bench.measured.session.id,
         notes=[*left_out, *comparison_notes(bench)],
+        first=told_first(provenance(bench)),
         origin=origin_of(bench, readings_digest(bench.measured)),
         static=static,
     )

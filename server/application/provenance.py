@@ -5,10 +5,11 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import json
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-from daq.sessions.amendments import listed
+from daq.sessions.amendments import amended_line, listed
 from fingermodel.session import Session
 
 
@@ -19,6 +20,8 @@ def provenance(session: Session) -> dict[str, Any]:
         "session": measured.session.id,
         "model": session.loaded.name,
         "residuals_after": session.loaded.fitted,
+        "outdated": session.loaded.outdated,
+        "measured_sha256": measured.sha256,
         "tension_factor": measured.tension_factor,
         "tension_factor_source": measured.tension_factor_source,
         "budget": session.model.budget.name,
@@ -26,7 +29,20 @@ def provenance(session: Session) -> dict[str, Any]:
         "notes": [*measured.notes, *session.loaded.notes],
         "warnings": [f.as_warning() for f in session.findings],
         "amendments": listed(measured.session),
+        "excluded": {c.id: c.excluded for c in measured.session.cases if c.excluded is not None},
     }
+
+
+def told_first(answer: Mapping[str, Any]) -> list[str]:
+    """Say what has to be known before an answer: warnings of the check, and what was amended or left out."""
+    amendments = answer.get("amendments") or ()
+    told = {row["case"] for row in amendments if "excluded" in row["now"]}
+    left_out = {case: why for case, why in (answer.get("excluded") or {}).items() if case not in told}
+    return [
+        *(f"Warning: {w['place']}: {w['words']}" for w in answer.get("warnings") or ()),
+        *(amended_line(row) for row in amendments),
+        *(f"Left out {case}: {why}" for case, why in left_out.items()),
+    ]
 
 
 def origin_of(session: Session, readings_sha256: str | None) -> dict[str, str | None]:

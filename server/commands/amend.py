@@ -8,7 +8,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.quoting import quoted
 from daq.sessions import read_session
-from daq.sessions.amendments import amendments_of, block_of, exchanged, listed, words
+from daq.sessions.amendments import amended_line, amendments_of, block_of, exchanged, listed, words
 from daq.sessions.models import Amendment, Session
 from server.application.amending import amendable, keep_amendments, take_back
 from server.commands.console import answer, say
@@ -96,18 +96,6 @@ def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | Non
         again = f"fingertwin diagnose {quoted(session)}"
         say(f"The entries stay in session.yaml. Look again: {again}; take it back with --undo.")
     return False
-
-
-def amended_line(row: dict[str, Any]) -> str:
-    """Return one amendment on one line."""
-    entered = []
-    for name, value in row["entered"].items():
-        if isinstance(value, dict):
-            entered.append(" and ".join(f"{m} {g:g} g" for m, g in value.items()) or "no weight")
-        elif name != "excluded":
-            entered.append(str(value))
-    instead = f" (entered: {', '.join(entered)})" if entered else ""
-    return f"Amended {row['case']}: {row['words']}{instead}; {row['why']} [{row['at']}]"
 
 
 def _pair(text: str, expected: str) -> tuple[str, str]:

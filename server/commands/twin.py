@@ -15,9 +15,8 @@ from fingermodel.model_files import free_path, require_new
 from fingermodel.revisions import save_revision
 from fingermodel.session import Session
 from server.application.drawing import draw_comparison
-from server.application.provenance import provenance
+from server.application.provenance import provenance, told_first
 from server.application.refitting import fit_body, refit_compared
-from server.commands.amend import amended_line
 from server.commands.console import answer, progress, say, shown, table
 
 if TYPE_CHECKING:
@@ -83,11 +82,9 @@ def refit_session(
 
 
 def say_first(body: Mapping[str, Any]) -> None:
-    """Print what has to be known before a result: warnings of the check, and what was amended."""
-    for warning in body["warnings"]:
-        say(f"Warning: {warning['place']}: {warning['words']}")
-    for row in body["amendments"]:
-        say(amended_line(row))
+    """Print what has to be known before a result."""
+    for line in told_first(body):
+        say(line)
 
 
 def print_comparison(bench: Session, comparison: Comparison) -> None:

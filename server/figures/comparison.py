@@ -10,7 +10,7 @@ from server.figures.compared import Compared
 from server.figures.comparison_words import case_table, error_tables, sentences
 from server.figures.plot import Plan
 from server.figures.report import Part, Section, by_heading, plot_or_reason, write_report
-from server.figures.report_front import closing_sections, folded
+from server.figures.report_front import closing_sections, folded, read_first
 from server.figures.scatter import scatter_figure
 from server.figures.summary import errors_figure
 from server.figures.vectors import Beside, bone_figure, vector_figure
@@ -23,6 +23,7 @@ def comparison_report(
     *,
     session: str,
     notes: Sequence[str] = (),
+    first: Sequence[str] = (),
     origin: Mapping[str, object] | None = None,
     static: bool = True,
 ) -> Path:
@@ -32,14 +33,15 @@ def comparison_report(
         folder: made where it is absent.
         compared: what is drawn.
         session: its id.
-        notes: further sentences for the beginning.
+        notes: further sentences for the summary.
+        first: what has to be known before it.
         origin: what the report rests on (see `origin_of`).
         static: whether to write PNG and SVG.
 
     Returns:
         The page.
     """
-    sections = [*comparison_sections(compared, notes), *closing_sections(origin or {})]
+    sections = [*read_first(first), *comparison_sections(compared, notes), *closing_sections(origin or {})]
     return write_report(
         folder / "compare.html", sections, report_title(session), f"Model: {compared.name}", static=static
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from daq.quoting import quoted
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
@@ -82,6 +82,11 @@ def _values(answer: Answer) -> str:
             found, sd = with_sd(parameter.get("value"), parameter.get("sd"))
             told.append(with_unit(f"{parameter.get('name')} = {found} ± {sd}", text(parameter, "unit", "1")))
     return ", ".join(told)
+
+
+def read_first(lines: Sequence[str]) -> list[Section]:
+    """Return what has to be known before a result as the first part of a report, where there is anything."""
+    return [Section("Before you read on", lines)] if lines else []
 
 
 def finger_section(answer: Answer, finger: Plot | None) -> list[Section]:

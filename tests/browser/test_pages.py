@@ -168,6 +168,24 @@ def test_steps_go_back_and_forth_by_keys_and_by_buttons(seen: Watched) -> None:
 
 
 @pytest.mark.usefixtures("added")
+def test_a_change_after_the_fit_is_said_and_the_step_is_of_the_session_as_it_is(seen: Watched, url: str) -> None:
+    from fingertwin.client import Client
+
+    alone = seen.page.get_by_role("columnheader", name="refitted alone")
+    said = seen.page.get_by_text("The session was changed since the fit of")
+    seen.open(f"sessions/{SESSION}/fall", f"{SESSION}: the fall of the error")
+    alone.wait_for()
+    assert said.count() == 0
+    with Client(url) as twin:
+        edit = twin.session(SESSION).exclude("c081", "the suture had slipped")
+        said.wait_for()
+        alone.wait_for(state="detached")
+        twin.session(SESSION).undo(edit)
+    alone.wait_for()
+    assert said.count() == 0
+
+
+@pytest.mark.usefixtures("added")
 def test_a_number_that_is_shown_twice_has_one_value(seen: Watched) -> None:
     client = f"fetch('/api/v1/sessions/{SESSION}/%s').then((r) => r.json())"
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")

@@ -90,9 +90,12 @@ def test_an_effect_of_ones_own_is_kept_once(twin: Client) -> None:
     mine = [effect for effect in twin.effects() if effect.own]
     assert [effect.name for effect in mine] == [checked.name]
     assert "hanger_mass" in {effect.name for effect in twin.effects() if not effect.own}
-    with pytest.raises(ServiceError) as caught:
-        twin.add_effect("torque[PIP] += __import__('os')")
-    assert caught.value.status == 422
+    # Nothing is kept of what is refused, also where only a name is wrong.
+    for refused in ("torque[PIP] += __import__('os')", "torque[PIP] += k * t_XXX"):
+        with pytest.raises(ServiceError) as caught:
+            twin.add_effect(refused)
+        assert caught.value.status == 422
+        assert [effect.name for effect in twin.effects() if effect.own] == [checked.name]
 
 
 def test_friction_is_that_of_the_sessions_at_hand(twin: Client) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,15 @@ from fingermodel.comparison.comparison import compare
 from fingermodel.comparison.observations import layout_of
 from fingermodel.fingers.files import finger_document, finger_names, read_finger, write_finger
 from fingermodel.fitting.identification import refit_map
-from fingermodel.model_files import free_path, load_model, read_revision, revision_document, write_revision
+from fingermodel.model_files import (
+    free_path,
+    load_model,
+    read_revision,
+    revision_document,
+    revision_of,
+    write_revision,
+)
+from fingermodel.revisions import save_revision
 from fingermodel.session import Session
 from tests.fingermodel.fingers import FINGERS
 from tests.stated import stated_problem
@@ -152,6 +161,39 @@ def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Pat
     # Fitting it again finds the same optimum: its priors still stand where they stood.
     twice = refit_map(stated_problem(again.model, again.observations), start=again.theta)
     assert twice.objective == pytest.approx(fit.objective, rel=1e-6)
+
+
+def test_a_revision_says_where_the_session_was_changed_after_its_fit(tmp_path: Path) -> None:
+    name = "synek2019_H02"
+    bench = Session.open(name, catalogue=False)
+    path = tmp_path / "r1.json"
+    here = compare(bench.model, bench.observations).summary()
+    fit = refit_map(stated_problem(bench.model, bench.observations))
+    document = save_revision(bench, fit, path, here, here)
+    again = Session.open(name, str(path), catalogue=False)
+    assert (again.loaded.fitted, again.loaded.notes) == (f"{document['id']}, fitted to these readings", ())
+    measured, (first, *rest) = bench.measured, bench.measured.cases
+    entry = first.case
+    changes = {
+        "mass": (replace(first, case=entry.model_copy(update={"masses_g": {"FDP": 1.0}})), *rest),
+        "role": (replace(first, case=entry.model_copy(update={"role": "validation"})), *rest),
+        "reading": (replace(first, wrench=first.wrench + 0.001), *rest),
+        "left out": tuple(rest),
+    }
+    for what, cases in changes.items():
+        weights = measured.tare_weights[-len(cases) :]
+        changed = replace(measured, cases=cases, tare_weights=weights)
+        loaded = Session.of(changed, str(path), catalogue=False).loaded
+        assert loaded.fitted == f"{document['id']}, fitted to this session before it was changed", what
+        assert "before it was changed" in loaded.notes[0], what
+        assert loaded.outdated, what
+    # A refit takes the change in; a cell's last digit is none; and earlier versions said nothing of it.
+    assert not Session.of(changed, str(path), catalogue=False).at(fit).loaded.outdated
+    near = replace(measured, cases=(replace(first, wrench=first.wrench + 1e-9), *rest))
+    assert not Session.of(near, str(path), catalogue=False).loaded.outdated
+    del document["session"]["measured_sha256"]
+    old = Session.of(changed, revision_of(document, "old"), catalogue=False)
+    assert old.loaded.fitted == f"{document['id']}, fitted to these readings"
 
 
 @pytest.mark.parametrize(

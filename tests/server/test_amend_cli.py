@@ -19,8 +19,11 @@ from daq.locations import data_dir
 from daq.sessions import read_session
 from daq.sessions.amendments import amendments_of, block_of, write_amendments
 from daq.sessions.models import Amendment
+from fingermodel.comparing import compare
 from fingermodel.diagnosis.verdict.changes import Amend
+from fingermodel.session import Session
 from server.application.amending import keep_amendments, take_back
+from server.application.drawing import draw_comparison
 from server.commands.diagnosis import amending
 from tests.server.command_line import refused, run
 
@@ -72,7 +75,19 @@ def test_two_cases_are_exchanged_and_one_is_left_out(folder: Path) -> None:
     assert entry(folder, a["id"])["masses_g"] == b["masses_g"]
     assert entry(folder, b["id"])["masses_g"] == a["masses_g"]
     amended(folder, cases[5]["id"], "--exclude", "--why", "the suture slipped")
-    assert cases[5]["id"] not in {c["id"] for c in run("compare", folder, "--json", "-").body("compare")["cases"]}
+    body = run("compare", folder, "--json", "-").body("compare")
+    assert cases[5]["id"] not in {c["id"] for c in body["cases"]}
+    assert body["excluded"] == {cases[5]["id"]: "the suture slipped"}
+
+
+def test_a_report_says_first_what_was_amended(folder: Path, tmp_path: Path) -> None:
+    case = entry(folder)["id"]
+    amended(folder, case, "--exclude", "--why", "the suture slipped")
+    bench = Session.open(folder, catalogue=False)
+    page = draw_comparison(bench, compare(bench), tmp_path / "figures", static=False).read_text(encoding="utf-8")
+    assert page.count(f"Amended {case}: left out; the suture slipped") == 1
+    assert f"Left out {case}" not in page
+    assert page.index("<h2>Before you read on</h2>") < page.index("<h2>Summary</h2>")
 
 
 def test_a_block_of_cases_is_amended_where_that_is_a_change_and_taken_back_as_one(folder: Path) -> None:

@@ -15,11 +15,12 @@ export async function view(main, { session, asked }) {
   let against = null;
   const head = el("div");
   const work = el("div", { "aria-live": "polite" });
+  const state = el("div", { "aria-live": "polite" });
   const chain = el("div");
   const waterfall = el("div", { class: "drawn" });
   const step = el("div", { "aria-live": "polite" });
   const panels = el("div", { hidden: true }, panel("Step by step", waterfall), panel("The step", step), panel("All steps", chain));
-  fill(main, el("h1", {}, `${session}: the fall of the error`), head, work, panels);
+  fill(main, el("h1", {}, `${session}: the fall of the error`), head, work, state, panels);
 
   async function load() {
     try {
@@ -35,6 +36,7 @@ export async function view(main, { session, asked }) {
 
   function draw() {
     panels.hidden = !rows.length;
+    fill(state);
     if (!rows.length) {
       fill(head, empty(el("p", {}, "No revision of this session's model yet: there is no error that could have fallen."), el("p", {},
         el("a", { class: "button", href: `${base}/find` }, "Find the missing effect"), " ", el("button", { onclick: refit }, "Refit the model without any"))));
@@ -54,7 +56,7 @@ export async function view(main, { session, asked }) {
       { title: "made", cell: (r) => (r.start ? "" : when(r.created_utc)) }, { title: "ln evidence", n: true, cell: (r) => number(r.evidence?.log_evidence_gain, 1) },
       ...places.map((p) => ({ title: `${words(p).replace("/", ", ")} [N]`, n: true, cell: (r) => number(r.history.at(-1)?.rmse_N?.[p]) })),
       { title: "", cell: (r) => (r.in_force ? "in force" : "") },
-    ], rows.flatMap((r) => [...alone(r), r]), { caption: "RMSE after each step; validation cases were never fitted", pick: (r) => go(r.id), picked: now, key: (r) => r.id }));
+    ], rows.flatMap((r) => [...alone(r), r]), { caption: "RMSE after each step, of the session as it was then; validation cases were never fitted", pick: (r) => go(r.id), picked: now, key: (r) => r.id }));
     one();
   }
 
@@ -114,7 +116,10 @@ export async function view(main, { session, asked }) {
       try {
         const [before, after] = await Promise.all([modelOf(select.value), r.id].map((model) => get(`${path}/comparison`, { model }, away.signal)));
         const plane = after.judged_in === "sagittal" ? "sagittal" : "space";
-        const between = select.value === r.parent ? alone(r)[0] : null;
+        const older = [[select.value, before], [r.id, after]].filter(([, c]) => c.outdated).map(([id]) => id);
+        fill(state, older.length ? el("p", { class: "warn" }, `The session was changed since the fit of ${older.join(" and ")}. “The step” is of the session as it is now; the rest of this page is of it as it was at each fit.`, after.outdated ? " Refit once more to take the change in." : "") : null);
+        // What a fit kept is of the session as it was then, and stands beside nothing of today's.
+        const between = select.value === r.parent && !after.outdated ? alone(r)[0] : null;
         const change = (k) => after.summary[k][plane].rmse_N - (before.summary[k]?.[plane].rmse_N ?? NaN);
         fill(errors, table([
           { title: "cases", cell: (k) => words(k).replace("/", " at the ") }, { title: "", cell: (k) => (k.startsWith("validation") ? "never fitted" : "fitted") },

@@ -17,13 +17,13 @@ from fingermodel.session import Session
 from server.application.checking import model_findings
 from server.application.diagnosis_report import diagnosis_sections, subtitle
 from server.application.drawing import comparison_notes
-from server.application.provenance import origin_of
+from server.application.provenance import origin_of, provenance, told_first
 from server.figures.compared import Compared
 from server.figures.comparison import comparison_sections, report_title
 from server.figures.effect_on_finger import effect_on_finger
 from server.figures.plot import Plot
 from server.figures.report import Section, report_body, report_header, report_html
-from server.figures.report_front import closing_sections, folded
+from server.figures.report_front import closing_sections, folded, read_first
 from server.figures.style import NothingToDrawError
 from server.service.exports.session_folders import session_folder
 from server.service.figures.comparison import Only, drawn_comparison
@@ -124,8 +124,11 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     history = list(bench.loaded.history) or history
     comparison = seen(measured, compare(bench))
     spread = spread_of(parts, spread_members(parts, measured), comparison)
+    # As the session stands, also where the search is older: that is said beside it.
+    left_out = {i: s.why for i, s in measured.states.items() if s.state == "excluded"}
+    stands = {k: v for k, v in provenance(bench).items() if k in ("warnings", "amendments")} | {"excluded": left_out}
     if job is not None:
-        found = diagnosis_sections(answer, history, _finger(parts, measured, job, answer))
+        found = diagnosis_sections(answer | stands, history, _finger(parts, measured, job, answer))
     notes = comparison_notes(bench)
     if len(comparison.cases) < len(bench.measured.cases):
         notes.append("Validation cases are left out until the session is closed.")
@@ -136,7 +139,8 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     origin = origin_of(bench, None if readings is None else readings["sha256_of_chunks"])
     closing = closing_sections(origin)
     if job is None:
-        return Report(report_title(session), f"Model: {bench.loaded.name}", [*compared, *closing])
+        first = read_first(told_first(stands))
+        return Report(report_title(session), f"Model: {bench.loaded.name}", [*first, *compared, *closing])
     below = subtitle(answer | {"origin": origin})
     outdated = changed_since(measured.record.edits, parts.jobs.get(job).started_utc or "")
     return Report(f"Report of {session}", below, [*found, *folded(compared), *closing], outdated)

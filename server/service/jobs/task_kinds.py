@@ -133,15 +133,15 @@ def _study(request: Request) -> ReproduceInput:
 
 
 def _document(measured: Measured) -> dict[str, Any]:
-    """Return the session's document with what is measured of it."""
+    """Return the session's document with what is measured of it, and what is left out."""
     document, session = measured.record.document, measured.session
     if document is None or session is None:
         raise InputError(f"session {measured.record.id} has no measured load case", "at least one")
-    done = {c.id for c in session.cases}
+    told = {c.id for c in session.cases} | {i for i, s in measured.states.items() if s.state == "excluded"}
     kept = [w.model_dump(mode="json", exclude_none=True) for w in session.checks]
-    out = document | {"cases": [c for c in document["cases"] if c["id"] in done]}
+    out = document | {"cases": [c for c in document["cases"] if c["id"] in told]}
     if "amendments" in out:
-        out["amendments"] = [a for a in out["amendments"] if a["case"] in done]
+        out["amendments"] = [a for a in out["amendments"] if a["case"] in told]
     out.pop("checks", None)
     out |= {"checks": kept} if kept else {}
     if not isinstance(session.tension_factor, TensionEstimate):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import insert, select
 
+from daq.errors import ModelError
 from fingermodel.effects import catalogue
 from fingermodel.effects.catalogue import EFFECTS
 from fingermodel.effects.user import effect_document, effect_from_dict, load_effect, shipped_effects
@@ -45,20 +47,21 @@ class OwnEffects:
             ProblemError: 409 another effect has the name.
         """
         effect = made(document)
-        kept = effect_document(effect)
+        # Before it is kept: what cannot be shown is refused.
+        kept, shown = effect_document(effect), self._shown(effect)
         with self._database.writing() as connection:
             rows = connection.execute(select(own_effects)).all()
             for row in rows:
                 if row.name == effect.name:
                     if row.document == kept:
-                        return self._shown(effect), False
+                        return shown, False
                     raise ProblemError(409, f"effect {effect.name} is there, and differs", "another name")
             if len(rows) >= _MOST_EFFECTS:
                 raise ProblemError(409, f"{len(rows)} effects", f"at most {_MOST_EFFECTS}")
             values = {"name": effect.name, "created_utc": now_utc(), "document": kept}
             connection.execute(insert(own_effects).values(values))
             record(connection, "effect kept", None, {"name": values["name"], "document": values["document"]})
-        return self._shown(effect), True
+        return shown, True
 
     def check(self, document: Mapping[str, Any]) -> dict[str, Any]:
         """Return what an effect would be, without keeping it.
@@ -69,8 +72,12 @@ class OwnEffects:
         return self._shown(made(document))
 
     def shown(self) -> list[dict[str, Any]]:
-        """Return every effect, the catalogue first."""
-        return [effect_row(e) | {"own": False} for e in catalogue.CATALOGUE] + [self._shown(e) for e in self.all()]
+        """Return every effect, the catalogue first; what an earlier version kept and cannot be shown is left out."""
+        out = [effect_row(e) | {"own": False} for e in catalogue.CATALOGUE]
+        for effect in self.all():
+            with suppress(ModelError):
+                out.append(self._shown(effect))
+        return out
 
     def one(self, name: str) -> dict[str, Any]:
         """Return an effect.

@@ -45,13 +45,14 @@ def asked(database: Database, name: str, session: str) -> tuple[dict[str, Any], 
     )
 
 
-def fit_revision(bench: Session, name: str, found: dict[str, Any]) -> Revision:
+def fit_revision(bench: Session, name: str, answer: dict[str, Any], found: dict[str, Any]) -> Revision:
     """Make a model of a search's refit.
 
     Args:
         bench: the session with the model that was searched, the catalogue and the users' effects of the fit held.
         name: as in `asked`.
-        found: the row of the ranking.
+        answer: of the search.
+        found: the row of its ranking.
     """
     model, session, index = bench.model, bench.measured.session.id, bench.model.parameters.index
     # A session that was changed since the search may lack a setting or a mounting.
@@ -65,7 +66,7 @@ def fit_revision(bench: Session, name: str, found: dict[str, Any]) -> Revision:
         "format": FORMAT,
         "id": title,
         "parent": bench.loaded.name,
-        "session": {"id": session},
+        "session": {"id": session, "measured_sha256": answer.get("measured_sha256")},
         "budget": model.budget.as_dict(),
         "effects": list(held_by(bench, free)),
         "parameters": [{"name": n, "value": float(theta[i])} for n, i in index.items() if theta[i] != model.initial[i]],

@@ -114,7 +114,7 @@ class SessionModels:
                     searched = ""  # the finger that the session brings
             names = {c.split(".")[0] for c in found["candidates"]}
             bench = self.bench(measured, searched or None, [e for e in self._effects.all() if e.name in names])
-            return fit_revision(bench, name, found)
+            return fit_revision(bench, name, answer, found)
 
         return self._fits.of((measured.key, name), made)
 

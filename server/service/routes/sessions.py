@@ -55,10 +55,10 @@ ProposedId = Annotated[str, Path(max_length=100, description="Id of the proposed
 def create(body: NewSession, request: Request) -> JsonAnswer:
     """Begin a session: with its document, or empty where a bench will send its record.
 
-    The very same session again is a success (200).
+    The very same session again is a success (200). One that was deleted is brought back by its own document.
     """
     parts = of(request)
-    new = parts.sessions.create(body.id, body.document)
+    new = parts.sessions.create(body.id, body.document) == "new"
     headers = {"Location": f"/api/v1/sessions/{body.id}"}
     return JsonAnswer(shown_session(parts, body.id), 201 if new else 200, headers)
 
@@ -89,7 +89,7 @@ def document(session: SessionId, request: Request) -> JsonAnswer:
 
 @kept.delete("/{session}", status_code=204, responses=documented(Shown, status=422))
 def delete(session: SessionId, request: Request) -> Response:
-    """Hide a session. What it holds is kept, and its id is not used again."""
+    """Hide a session. What it holds is kept until a purge; its own document, sent again, brings it back."""
     of(request).sessions.delete(session)
     return Response(status_code=204)
 

@@ -89,6 +89,7 @@ class Compared(Shown):
 
     session: str
     model: str
+    outdated: bool = Field(description="Whether the session was changed since the model was fitted to it.")
     cases: list[ComparedCase]
     summary: Summary = Field(description="Errors by role and location.")
     by_muscle: dict[str, Any]

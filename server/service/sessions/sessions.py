@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import case, delete, exists, func, insert, select, update
 
@@ -28,6 +28,9 @@ from server.service.web.problems import ProblemError, not_found, shortened
 # Goes into addresses and names of files that are exported.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
+# A session that is begun is new, there already, or deleted and brought back.
+Begun = Literal["new", "there", "back"]
+
 
 class Sessions:
     """Keeps sessions.
@@ -45,8 +48,8 @@ class Sessions:
     def __init__(self, database: Database, messages: Messages, fingers: frozenset[str], windows: Windows) -> None:
         self._database, self._messages, self.fingers, self._windows = database, messages, fingers, windows
 
-    def create(self, name: str, document: Mapping[str, Any] | None, *, arriving: bool = False) -> bool:
-        """Begin a session.
+    def create(self, name: str, document: Mapping[str, Any] | None, *, arriving: bool = False) -> Begun:
+        """Begin a session; one that was deleted is brought back by its own document, with its edits and searches.
 
         Args:
             name: its id.
@@ -54,10 +57,10 @@ class Sessions:
             arriving: whether it is hidden until `arrive`, and gone where that never comes.
 
         Returns:
-            False where the very same session is there already.
+            whether it is new, there already, or back.
 
         Raises:
-            ProblemError: 409 another session has the id, or a deleted one had it.
+            ProblemError: 409 another session has the id, or had it.
             InputError: the document cannot be used.
         """
         if not _ID.fullmatch(name):
@@ -71,11 +74,19 @@ class Sessions:
             connection = telling.connection
             row = connection.execute(select(sessions).where(sessions.c.id == name)).first()
             if row is not None:
-                if row.deleted_utc is None and row.document == kept:
-                    return False
-                what = "was deleted, and ids are not used twice" if row.deleted_utc else "is there, and differs"
-                what = "is being taken in" if row.arriving else what
-                raise ProblemError(409, f"session {name} {what}", "the same document, or another id")
+                if row.arriving:
+                    raise ProblemError(409, f"session {name} is being taken in", "the end of that, or another id")
+                if row.document != kept or (row.deleted_utc is not None and kept is None):
+                    what = "was deleted, and ids are not used twice" if row.deleted_utc else "is there, and differs"
+                    # What a bench sent and what was purged have no document to tell the session by.
+                    same = "" if row.document is None else "the same document, or "
+                    raise ProblemError(409, f"session {name} {what}", f"{same}another id")
+                if row.deleted_utc is None:
+                    return "there"
+                raise_version(connection, name, deleted_utc=None)
+                telling.record("session restored", name, _fingerprint(kept))
+                telling.tell("session", name, {"change": "restored"})
+                return "back"
             specimen = None if kept is None else kept["specimen"]["id"]
             values = {"id": name, "created_utc": now_utc(), "document": kept, "specimen": specimen}
             if arriving:
@@ -84,7 +95,7 @@ class Sessions:
                 telling.record("session created", name, _fingerprint(kept))
                 telling.tell("session", name, {"change": "created"})
             connection.execute(insert(sessions).values(values))
-        return True
+        return "new"
 
     def arrive(self, name: str) -> None:
         """Show a session that was arriving, since all of it is there."""
@@ -164,7 +175,7 @@ class Sessions:
             telling.tell("session", name, {"change": "closed"})
 
     def delete(self, name: str) -> None:
-        """Hide a session; what it holds is kept, and so is its id.
+        """Hide a session; what it holds is kept until a purge, and its own document brings it back.
 
         Raises:
             ProblemError: 404 there is none.

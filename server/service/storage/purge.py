@@ -104,14 +104,19 @@ def retain(database: Database, days: Mapping[What, float]) -> None:
 
 
 def erase(database: Database, session: str) -> None:
-    """Remove the content of a session; its row, its revisions and frozen predictions stay."""
+    """Remove the content of a deleted session; its row, its revisions and frozen predictions stay."""
+    deleted = (sessions.c.id == session) & sessions.c.deleted_utc.is_not(None)
+    with database.writing() as connection:
+        # First the document, which brings a deleted session back; last the specimen, by which a purge is gone on with.
+        if not connection.execute(update(sessions).where(deleted).values(document=None)).rowcount:
+            return
     for table in (chunks, events, streams, edits, messages):
         _remove(database, table, table.c.session == session)
     mine = jobs.c.session == session
     _remove(database, job_parts, job_parts.c.job.in_(select(jobs.c.id).where(mine & jobs.c.state.in_(ENDED))))
     _remove(database, jobs, mine & jobs.c.state.in_(ENDED))
     with database.writing() as connection:
-        connection.execute(update(sessions).where(sessions.c.id == session).values(document=None, specimen=None))
+        connection.execute(update(sessions).where(deleted).values(specimen=None))
 
 
 def reusable_bytes(database: Database) -> int | None:
@@ -167,7 +172,7 @@ def _deleted(database: Database, until: str, session: str | None) -> list[str]:
     """Return sessions that were deleted before a time and still have content."""
     held = (exists().where(t.c.session == sessions.c.id) for t in (chunks, streams, events, edits))
     query = select(sessions.c.id).where(
-        sessions.c.deleted_utc <= until, sessions.c.arriving.is_(None), or_(sessions.c.document.is_not(None), *held)
+        sessions.c.deleted_utc <= until, sessions.c.arriving.is_(None), or_(sessions.c.specimen.is_not(None), *held)
     )
     return [row.id for row in database.rows(query if session is None else query.where(sessions.c.id == session))]
 

@@ -49,7 +49,7 @@ sessions = _table(
     # Raised by everything that changes cases, windows or model-free corrections.
     Column("version", Integer, nullable=False, default=0),
     Column("closed_utc", TIME),
-    # A deleted session is hidden, and its id stays taken.
+    # A deleted session is hidden, and its id stays taken; its own document brings it back.
     Column("deleted_utc", TIME),
     # True while an import is written, which is hidden like a deleted session until all of it is there.
     Column("arriving", Boolean),

@@ -87,23 +87,25 @@ def keep_session(parts: Services, session: Session, name: str | None) -> tuple[s
     known = str(document["id"])
     if session.readings_path is None:
         _require_sound(session)
-        return known, parts.sessions.create(known, document)
+        return known, parts.sessions.create(known, document) == "new"
     require_unpacked(session.readings_path)
     source = open_readings(session.readings_path)
     # Before anything is kept: every row can be used.
     for _ in _limited(source):
         pass
     _require_sound(session)
-    new = parts.sessions.create(known, document, arriving=True)
+    begun = parts.sessions.create(known, document, arriving=True)
     try:
-        _store(parts, known, session, source, hidden=new)
-        if new:
+        _store(parts, known, session, source, hidden=begun == "new")
+        if begun == "new":
             parts.sessions.arrive(known)
     except BaseException:
-        if new:
+        if begun == "new":
             parts.sessions.forget_arrivals(known)
+        elif begun == "back":
+            parts.sessions.delete(known)
         raise
-    return known, new
+    return known, begun == "new"
 
 
 def _require_sound(session: Session) -> None:

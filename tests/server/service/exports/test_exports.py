@@ -23,9 +23,11 @@ from fingermodel.revisions import save_revision
 from fingermodel.session import Session
 from server.application.checking import model_findings
 from server.application.drawing import draw_comparison
+from server.application.provenance import provenance
 from server.commands.files import export_source
 from server.figures.report import Section
 from server.service.exports import exporting
+from server.service.jobs.task_kinds import Tasks
 from server.service.storage.database import now_utc
 from tests.daq.bench_plays import LONG_BLOCK_S, case, tared, whole
 from tests.server.service.exported import OF_PREDICTIONS, cells, datasets, exported, from_csv, from_mat, members
@@ -292,10 +294,37 @@ def test_a_saved_report_says_that_the_session_was_changed_since_its_search(servi
     edit = client.post(f"{AT}/{RECORDED}/cases/c003/exclude", json=cause).json()["edit"]
     page = client.get(where, params=params).text
     assert page.count(changed) == 1
-    assert page.index("<h2>Verdict</h2>") < page.index(changed) < page.index("<h2>What to do</h2>")
+    assert page.index("<h2>Before you read on</h2>") < page.index(changed) < page.index("<h2>Verdict</h2>")
     # Once it is taken back, the search is of the session as it is.
     assert client.post(f"{AT}/{RECORDED}/edits/{edit}/undo", json={}).is_success
     assert changed not in client.get(where, params=params).text
+
+
+def test_a_report_says_before_all_else_what_was_amended_and_left_out(service: ServiceReceiver) -> None:
+    from tests.server.service.figures.test_figures_routes import kept_job
+
+    client, parts, at = service.client(), service.parts, f"{AT}/{RECORDED}"
+    plain = client.get(f"{at}/report").text
+    assert "Before you read on" not in plain
+    out = client.post(f"{at}/cases/c003/exclude", json={"reason": "the suture <slipped>"}).json()["edit"]
+    entry = next(c for c in client.get(f"{at}/document").json()["cases"] if c["id"] == "c004")
+    tendon, grams = next(iter(entry["masses_g"].items()))
+    told = {"masses_g": {tendon: grams + 30.0}, "why": "weighed again"}
+    amended = client.post(f"{at}/cases/c004/amend", json=told).raise_for_status().json()
+    kept_job(service, "d11", session=RECORDED, started_utc=now_utc())
+    for params in ({}, {"job": "d11", "model": "an1979_middle"}):
+        page = client.get(f"{at}/report", params=params).text
+        assert "Left out c003: the suture &lt;slipped&gt;" in page
+        assert f"Amended c004: {tendon} {grams + 30:g} g hung (entered: {tendon} {grams:g} g); weighed again" in page
+        assert page.index("<h2>Before you read on</h2>") < page.index("Left out c003") < page.index("Load cases</h2>")
+    # A worker is told of what is left out, too, so that every answer says it.
+    tasks = Tasks(parts.settings, parts.database, parts.measuring, parts.models, parts.revisions, parts.effects)
+    given = provenance(tasks.bench({"session": RECORDED, "model": None}).open())
+    assert given["excluded"] == {"c003": "the suture <slipped>"}
+    assert [row["case"] for row in given["amendments"]] == ["c004"]
+    for edit in (amended["edit"], out):
+        client.post(f"{at}/edits/{edit}/undo", json={}).raise_for_status()
+    assert as_made(client.get(f"{at}/report").text) == as_made(plain)
 
 
 @pytest.mark.parametrize(

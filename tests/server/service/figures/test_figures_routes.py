@@ -278,6 +278,14 @@ def test_a_refit_of_a_search_is_a_model_whose_residuals_every_answer_shares(serv
     assert body["residuals_after"] in figure["caption"]
     refused = service.client().get(f"{AT}/comparison/z", params={"session": RECORDED, "model": "fits/worn_pulley"})
     assert (refused.status_code, "JOB/EFFECT" in refused.json()["detail"]) == (422, True)
+    # A search keeps what it was of; once the session is another, every answer with its fits says so.
+    kept_job(service, "before", result=missing_effect() | {"ranking": [row], "measured_sha256": "0" * 64})
+    old = service.client().get(f"/api/v1/sessions/{RECORDED}/comparison", params={"model": "before/nothing"}).json()
+    figure = shown(service, "/comparison/z", session=RECORDED, model="before/nothing")
+    assert [b["outdated"] for b in (body, old)] == [False, True]
+    assert old["residuals_after"].endswith("(search before), fitted to this session before it was changed")
+    assert old["residuals_after"] in figure["caption"]
+    assert any("before it was changed" in n for n in old["notes"])
 
 
 def test_on_the_finger_all_roles_means_all(service: ServiceReceiver) -> None:

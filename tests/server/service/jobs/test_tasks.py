@@ -100,7 +100,8 @@ def test_a_refit_in_a_worker_is_the_refit_of_the_command_line(refitted: tasks.An
     body, revision = refitted["body"], refitted["revision"]
     expected = {"schema": "fingertwin/refit/1"} | provenance(bench) | fit_body(fit, before, after)
     assert untimed(body) == untimed(expected | {"model": revision["id"]})
-    assert revision["session"] == {"id": NAME, "readings_sha256": "f" * 64}
+    digests = {"readings_sha256": "f" * 64, "measured_sha256": bench.measured.sha256}
+    assert revision["session"] == {"id": NAME} | digests
     # It serves as the model of the next job.
     again = bench_input(NAME, model=json.loads(json.dumps(revision))).open(catalogue=True)
     assert again.loaded.name == revision["id"]

@@ -12,6 +12,7 @@ import pytest
 from daq.uplink.wire import EPOCH, SHA256, events_path
 from fingermodel.comparing import compare
 from fingermodel.session import Session
+from server.service.storage.purge import purge
 from tests.server.service.recorded import (
     EPOCH_1,
     PUBLISHED,
@@ -236,9 +237,41 @@ def test_a_session_is_begun_once_and_a_deleted_one_keeps_its_id(fresh: ServiceRe
     assert client.delete(f"{AT}/S1").status_code == 204
     assert client.get(f"{AT}/S1").status_code == 404
     assert client.get(AT).json()["sessions"] == []
-    gone = client.post(AT, json={"id": "S1", "document": small()})
+    gone = client.post(AT, json={"id": "S1", "document": small(cases=2)})
     assert gone.status_code == 409
     assert "deleted" in gone.json()["detail"]
+
+
+def test_a_deleted_session_is_brought_back_by_its_own_document_until_it_is_purged(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    sent: dict[str, Any] = {"id": "S1", "document": small()}
+    case = sent["document"]["cases"][0]["id"]
+    client.post(AT, json=sent).raise_for_status()
+    client.post(f"{AT}/S1/cases/{case}/exclude", json={"reason": "slipped"}).raise_for_status()
+    before = client.get(f"{AT}/S1").json()
+    client.delete(f"{AT}/S1").raise_for_status()
+    back = client.post(AT, json=sent)
+    assert back.status_code == 200
+    assert back.json() == before | {"version": before["version"] + 2}
+    assert [e["kind"] for e in client.get(f"{AT}/S1/edits").json()["edits"]] == ["exclude"]
+    trail = client.get("/api/v1/audit", params={"session": "S1"}).json()["entries"]
+    assert [e["what"] for e in trail][-2:] == ["session deleted", "session restored"]
+    client.delete(f"{AT}/S1").raise_for_status()
+    purge(fresh.parts.database, "deleted", 0.0)
+    for again in (sent, {"id": "S1"}):
+        gone = client.post(AT, json=again)
+        assert (gone.status_code, gone.json()["expected"]) == (409, "another id")
+
+
+def test_what_a_bench_sent_is_not_brought_back_by_a_bench_that_goes_on(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    client.post(AT, json={"id": "LOG"}).raise_for_status()
+    describe(client, "LOG")
+    client.delete(f"{AT}/LOG").raise_for_status()
+    for again in ({"id": "LOG"}, {"id": "LOG", "document": small() | {"id": "LOG"}}):
+        gone = client.post(AT, json=again)
+        assert (gone.status_code, gone.json()["expected"]) == (409, "another id")
+    assert client.get(f"{AT}/LOG").status_code == 404
 
 
 def test_the_list_says_of_a_session_what_its_own_answer_says(fresh: ServiceReceiver) -> None:

@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from sqlalchemy import func, insert, select
+from sqlalchemy import delete, func, insert, select, update
 
 from daq.acquisition.blocks import Chunk
 from server import cli
 from server.service.operation.folder import held
 from server.service.operation.migrate import upgrade
 from server.service.operation.scrub import Scrub, damage_of
+from server.service.storage import purge as purging
 from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database
 from server.service.storage.purge import Purged, give_back, purge, retain, reusable_bytes
@@ -121,6 +122,25 @@ def test_the_content_of_a_session_deleted_long_ago_is_removed_and_its_revision_s
     assert purge(database, "deleted", 30) == Purged()
     assert purge(database, "deleted", 0, "HERE") == Purged()
     assert purge(database, "deleted", 0).sessions == 1
+
+
+def test_a_purge_removes_nothing_of_a_session_that_was_brought_back_meanwhile(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = counts(database)
+    monkeypatch.setattr(purging, "_deleted", lambda *_: ["HERE"])
+    purge(database, "deleted", 30)
+    assert counts(database) == before
+
+
+def test_a_purge_that_was_killed_goes_on_with_a_session_whose_document_is_gone(database: Database) -> None:
+    with database.writing() as connection:
+        connection.execute(update(sessions).where(sessions.c.id == "OLD").values(document=None))
+        for table in (chunks, streams, events, edits):
+            connection.execute(delete(table).where(table.c.session == "OLD"))
+    assert purge(database, "deleted", 30).sessions == 1
+    assert counts(database)["messages"].get("OLD") is None
+    assert purge(database, "deleted", 30) == Purged()
 
 
 def test_ended_jobs_are_removed_with_their_parts(database: Database) -> None:

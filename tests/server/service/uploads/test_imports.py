@@ -172,6 +172,11 @@ def test_other_readings_under_the_same_name_are_a_conflict(service: ServiceRecei
     other = send(service, with_readings(lines[:-1]), id="twice")
     assert other.status_code == 409
     assert "described otherwise" in other.json()["detail"]
+    service.client().delete("/api/v1/sessions/twice").raise_for_status()
+    assert send(service, with_readings(lines[:-1]), id="twice").status_code == 409
+    assert service.client().get("/api/v1/sessions/twice").status_code == 404
+    back = send(service, folder_of(RECORDED), id="twice")
+    assert (back.status_code, back.json()["already_there"], back.json()["cases"]) == (200, True, {"measured": 96})
 
 
 def packed_rows(rows: int, kind: str) -> bytes:
