@@ -90,7 +90,7 @@ class SessionModels:
             if brought is not None and brought.id == name:
                 return brought
             raise ProblemError(
-                422, f"model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers", "List them"
+                422, f"there is no model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers"
             ) from None
 
     def _resolved(self, name: str | None, measured: Measured | None) -> str | None:
