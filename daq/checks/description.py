@@ -9,6 +9,7 @@ from pathlib import Path
 from daq.errors import InputError
 from daq.findings import Finding, finding
 from daq.locations import data_dir
+from daq.sessions.files import FINGER_DOCUMENT
 from daq.sessions.models import LoadCase, Open, Session
 from daq.sessions.protocols import protocol_names, read_protocol
 from daq.vocabulary import JOINT_ANGLES, did_you_mean
@@ -53,6 +54,8 @@ def _unknown_keys(session: Session) -> Iterator[Finding]:
         if record is None:
             continue
         for key, hint in record.unknown_keys().items():
+            if record is session and key == FINGER_DOCUMENT and _brings_finger(session):
+                continue
             yield finding(
                 "warning",
                 "unknown_key",
@@ -66,7 +69,7 @@ def _unknown_keys(session: Session) -> Iterator[Finding]:
 def _finger(session: Session) -> Iterator[Finding]:
     shipped = sorted(p.stem for p in (data_dir() / "fingers").glob("*.yaml"))
     near = [Path(session.finger), *([session.folder / session.finger] if session.folder else [])]
-    if session.finger not in shipped and not any(p.is_file() for p in near):
+    if session.finger not in shipped and not any(p.is_file() for p in near) and not _brings_finger(session):
         hint = did_you_mean(session.finger, shipped)
         yield finding(
             "error",
@@ -76,6 +79,11 @@ def _finger(session: Session) -> Iterator[Finding]:
             f"one of {' '.join(shipped)}, or a path",
             hint,
         )
+
+
+def _brings_finger(session: Session) -> bool:
+    """Return whether a document that lies in no folder, as a service keeps it, brings its finger along."""
+    return session.folder is None and FINGER_DOCUMENT in session.unknown_keys()
 
 
 def _postures(session: Session) -> Iterator[Finding]:

@@ -31,7 +31,9 @@ const main = document.getElementById("main");
 
 function where() {
   const [path, query] = location.hash.replace(/^#\/?/, "").split("?");
-  const parts = path.split("/").map(decodeURIComponent);
+  let parts = [path];
+  // What cannot be decoded names no page.
+  try { parts = path.split("/").map(decodeURIComponent); } catch { /* left as it is */ }
   const asked = Object.fromEntries(new URLSearchParams(query || ""));
   if (parts[0] === "sessions" && parts[1]) return { session: parts[1], view: parts[2] || "compare", asked };
   return { session: null, view: parts[0] || "", asked };

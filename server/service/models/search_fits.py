@@ -39,9 +39,8 @@ def asked(database: Database, name: str, session: str) -> tuple[dict[str, Any], 
             return answer, found
     raise ProblemError(
         422,
-        f"model {shortened(name)!r}",
+        f"there is no model {shortened(name)!r}",
         f"JOB/{NOTHING} or JOB/EFFECT of a search of {session}, a revision's id, or a finger of GET /api/v1/fingers",
-        "List them",
     )
 
 

@@ -67,8 +67,8 @@ class SessionModels:
         """Return the model that a request names.
 
         Args:
-            name: of a revision, of a search's refit or of a finger that comes with the software, IN_FORCE, or None for
-                the session's own.
+            name: of a revision, of a search's refit, of a finger that comes with the software or with the session,
+                IN_FORCE, or None for the session's own.
             measured: the session.
 
         Raises:
@@ -86,8 +86,11 @@ class SessionModels:
         except ProblemError as error:
             if error.status != 404:
                 raise
+            brought = None if measured is None else _brought(measured)
+            if brought is not None and brought.id == name:
+                return brought
             raise ProblemError(
-                422, f"model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers", "List them"
+                422, f"there is no model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers"
             ) from None
 
     def _resolved(self, name: str | None, measured: Measured | None) -> str | None:
@@ -212,11 +215,9 @@ class SessionModels:
 
     def _own_finger(self, measured: Measured) -> Finger | None:
         """Return the finger that a session brings with it; None where it names one that the service has."""
-        document = measured.record.document or {}
-        finger = document.get(FINGER_DOCUMENT)
-        if finger is not None:
-            return finger_from_dict(finger, f"the finger of {measured.record.id}")
-        name = document.get("finger")
+        if (brought := _brought(measured)) is not None:
+            return brought
+        name = (measured.record.document or {}).get("finger")
         if name not in self._fingers:
             raise ProblemError(
                 422,
@@ -225,3 +226,9 @@ class SessionModels:
                 "Ask with ?model=",
             )
         return None
+
+
+def _brought(measured: Measured) -> Finger | None:
+    """Return the finger that a session's document brings along; None where it only names one."""
+    finger = (measured.record.document or {}).get(FINGER_DOCUMENT)
+    return None if finger is None else finger_from_dict(finger, f"the finger of {measured.record.id}")

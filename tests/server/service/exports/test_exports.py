@@ -16,9 +16,10 @@ import pandas as pd
 import pytest
 
 from daq.checks import check
-from daq.sessions import read_session
+from daq.sessions import FINGER_DOCUMENT, read_session
 from fingermodel.api import refit
 from fingermodel.comparing import compare
+from fingermodel.fingers.files import read_finger
 from fingermodel.revisions import save_revision
 from fingermodel.session import Session
 from server.application.checking import model_findings
@@ -30,6 +31,7 @@ from server.service.exports import exporting
 from server.service.jobs.task_kinds import Tasks
 from server.service.storage.database import now_utc
 from tests.daq.bench_plays import LONG_BLOCK_S, case, tared, whole
+from tests.server.diagnosis_answers import found as missing_effect
 from tests.server.service.exported import OF_PREDICTIONS, cells, datasets, exported, from_csv, from_mat, members
 from tests.server.service.recorded import STREAM, upload
 from tests.server.service.running import ServiceReceiver
@@ -298,6 +300,22 @@ def test_a_saved_report_says_that_the_session_was_changed_since_its_search(servi
     # Once it is taken back, the search is of the session as it is.
     assert client.post(f"{AT}/{RECORDED}/edits/{edit}/undo", json={}).is_success
     assert changed not in client.get(where, params=params).text
+
+
+def test_a_session_with_a_finger_of_its_own_is_as_any_other(service: ServiceReceiver) -> None:
+    from tests.server.service.figures.test_figures_routes import kept_job
+
+    client, finger = service.client(), read_finger("an1979_middle").document
+    brought = {"finger": "mine.yaml", FINGER_DOCUMENT: finger | {"id": "mine"}}
+    document = client.get(f"{AT}/{PUBLISHED}/document").json() | {"id": "OWN"} | brought
+    client.post(AT, json={"id": "OWN", "document": document}).raise_for_status()
+    warned = client.get(f"{AT}/OWN/comparison").json()["warnings"]
+    assert [w for w in warned if w["code"] in ("unknown_finger", "unknown_key")] == []
+    # An answer names the finger that was searched, and the report asks for it by that name.
+    assert client.get(f"{AT}/OWN/comparison", params={"model": "mine"}).json()["model"] == "mine"
+    kept_job(service, "d12", session="OWN", result=missing_effect() | {"session": "OWN", "model": "mine"})
+    assert client.get(f"{AT}/OWN/report", params={"job": "d12"}).status_code == 200
+    assert client.get(f"{AT}/{PUBLISHED}/comparison", params={"model": "mine"}).status_code == 422
 
 
 def test_a_report_says_before_all_else_what_was_amended_and_left_out(service: ServiceReceiver) -> None:
