@@ -50,9 +50,7 @@ def describe_revision(
     """Return the document of a fit as a revision; effects and history of its step are filled in here."""
     free = [p.name for p in fit.parameters if p.kind == "effect"]
     step = replace(step or Step(), effects=held_by(session, free), history=session.loaded.history)
-    return revision_document(
-        session.model, fit, session.loaded.parent, session.id, before, after, readings_sha256, step=step
-    )
+    return revision_document(fit, session.loaded.parent, before, after, readings_sha256, step=step)
 
 
 def held_by(session: Session, parameters: Sequence[str]) -> tuple[dict[str, Any], ...]:
