@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from daq.errors import InputError
+from daq.errors import InputError, ModelError
 from fingermodel.comparing import compare
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
 from fingermodel.diagnosis.answer.answer import answer
@@ -281,10 +281,15 @@ def save(session: Session, fit: Fit | Addition, path: str | os.PathLike[str]) ->
         path: of a new `.json` file.
 
     Raises:
-        ModelError: the file exists, and revisions are never overwritten; or its name does not end in `.json`.
+        ModelError: the file exists, and revisions are never overwritten; its name does not end in `.json`; or the fit
+            is of another session.
     """
     target, step = Path(path), None
     require_new(target)
+    result = fit.fit if isinstance(fit, Addition) else fit
+    if result.session != session.id:
+        found = f"a fit of session {result.session} to be saved as one of {session.id}"
+        raise ModelError(found, "the session that was fitted", f"Give session {result.session}")
     if isinstance(fit, Addition):
         freed = {p.name for p in fit.fit.parameters}
         kept = [name for name in session.loaded.added if name in freed]
@@ -294,7 +299,6 @@ def save(session: Session, fit: Fit | Addition, path: str | os.PathLike[str]) ->
         alone = compare(session.at(plain)).without(plain.errors.not_counted).summary() if plain else None
         evidence = {"log_evidence_gain": fit.log_evidence_gain}
         step = Step(added=fit.names, removed=tuple(sorted(removed)), evidence=evidence, alone=alone)
-    result = fit.fit if isinstance(fit, Addition) else fit
     apart = result.errors.not_counted
     before, after = (compare(s).without(apart).summary() for s in (session, session.at(fit)))
     document = save_revision(session, result, target, before, after, step)

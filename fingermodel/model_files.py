@@ -119,16 +119,18 @@ class LoadedModel:
         """Whether it was fitted to the session before that was changed."""
         return self.fit == _CHANGED
 
-    def refitted(self, name: str, theta: NDArray[np.float64], added: tuple[str, ...]) -> LoadedModel:
-        """Return the model at a fit to the session's readings."""
-        return replace(self, name=name, theta=theta, added=added, notes=(), fit=_FITTED)
+    def refitted(
+        self, name: str, theta: NDArray[np.float64], added: tuple[str, ...], other: str | None = None
+    ) -> LoadedModel:
+        """Return the model at a fit to the session's readings, or to those of another one."""
+        notes = () if other is None else (of_another(other, added),)
+        fit = _FITTED if other is None else _ELSEWHERE
+        return replace(self, name=name, theta=theta, added=added, notes=notes, fit=fit)
 
 
 def revision_document(
-    model: Model,
     fit: Fit,
     parent: str,
-    session: str,
     before: Mapping[str, Any],
     after: Mapping[str, Any],
     readings_sha256: str | None,
@@ -139,10 +141,8 @@ def revision_document(
     """Describe a fit as a revision.
 
     Args:
-        model: that was fitted.
-        fit: its outcome.
+        fit: with the model and the session that it is of.
         parent: id of the finger or revision that the fit started from.
-        session: id of the session.
         before: summary of errors before the fit.
         after: and after it.
         readings_sha256: of the readings file, None for averaged forces.
@@ -150,7 +150,7 @@ def revision_document(
         step: which effects it holds, what changed, and on what evidence; by default none.
         measured_sha256: `MeasuredSession.sha256` of what was fitted, by which a later change of it is noticed.
     """
-    step = step or Step()
+    step, model, session = step or Step(), fit.model, fit.session
     free = np.flatnonzero(fit.free)
     names = [model.parameters.names[i] for i in free]
     body: dict[str, Any] = {
@@ -375,22 +375,38 @@ def _from_revision(
         effects = (*catalogue.CATALOGUE, *dict.fromkeys([*given, *own]))
     # The priors stay where they stood, so that fitting again does not count the same readings twice.
     model = Model(revision.prior, layout, budget_of(settings), effects)
-    kinds = {p.name: p.kind for p in model.parameters}
     same = revision.session == session_id
     theta = model.initial
     anatomy = Model(revision.finger, layout, model.budget).initial
     shared = np.flatnonzero(model.parameters.of_kind("anatomy"))
     theta[shared] = anatomy[: len(shared)]
-    for name, value in revision.theta.items():
-        if name in kinds and (same or kinds[name] != "budget"):
-            theta[model.parameters.index[name]] = value
-    added = tuple(n for e in held for n in e["parameters"] if n in kinds)
+    take_over(revision.theta, model, theta, same=same)
+    added = tuple(n for e in held for n in e["parameters"] if n in model.parameters.index)
     history = tuple(revision.document.get("history") or ())
     notes, fit = tuple[str, ...](), _FITTED
     if not same:
-        used = "its anatomy and its effects are used here, the small" if added else "its anatomy is used here, the"
-        notes, fit = (f"fitted to session {revision.session}: {used} errors of that rig are not",), _ELSEWHERE
+        notes, fit = (of_another(revision.session, added),), _ELSEWHERE
     # Revisions of earlier versions do not say what they were fitted to.
     elif measured is not None and revision.document["session"].get("measured_sha256") not in (None, measured.sha256):
         notes, fit = (f"{revision.id} was {_CHANGED}: only a refit takes the change in",), _CHANGED
     return LoadedModel(revision.id, model, theta, revision.id, notes, added, history, fit)
+
+
+def take_over(values: Mapping[str, float], model: Model, theta: NDArray[np.float64], *, same: bool) -> None:
+    """Put fitted values into a model's parameter vector, by name; what the model lacks is left out.
+
+    Args:
+        values: by name of the parameter.
+        model: that takes them.
+        theta: (parameters,) of it, which is changed.
+        same: whether they were fitted to this session; another's errors of the rig are left out.
+    """
+    for i, parameter in enumerate(model.parameters):
+        if parameter.name in values and (same or parameter.kind != "budget"):
+            theta[i] = values[parameter.name]
+
+
+def of_another(session: str, added: Sequence[str]) -> str:
+    """Say what a fit of another session is used for, and what not."""
+    used = "its anatomy and its effects are used here, the small" if added else "its anatomy is used here, the"
+    return f"fitted to session {session}: {used} errors of that rig are not"

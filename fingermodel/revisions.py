@@ -51,10 +51,8 @@ def describe_revision(
     free = [p.name for p in fit.parameters if p.kind == "effect"]
     step = replace(step or Step(), effects=held_by(session, free), history=session.loaded.history)
     return revision_document(
-        session.model,
         fit,
         session.loaded.parent,
-        session.id,
         before,
         after,
         readings_sha256,

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from daq.checks import measure_and_check
-from daq.errors import InputError, require_list
+from daq.errors import InputError, ModelError, require_list
 from daq.sessions import read_session
+from daq.vocabulary import did_you_mean
 from fingermodel.compiled.compilation import prepare_jax
 
 if TYPE_CHECKING:
@@ -139,7 +140,13 @@ class Session:
         return self.loaded.name != self.model.finger.id
 
     def at(self, fit: Fit | Addition) -> Session:
-        """Return the session with its model at a fit of it: parameters, and the effects that were added.
+        """Return the session with its model at a fit: parameters, and the effects that were added.
+
+        A fit of another session must be of the same finger. Its anatomy and its effects belong to the specimen and are
+        taken over; errors of its rig and its postures are not.
+
+        Raises:
+            ModelError: a fit of another finger, or with an effect that this session's model does not know.
 
         Example:
             >>> from fingermodel import Session, compare, refit
@@ -149,19 +156,31 @@ class Session:
             True
         """
         from fingermodel.fitting.fit_report import Fit
+        from fingermodel.model_files import take_over
 
         result = fit if isinstance(fit, Fit) else fit.fit
-        added = tuple(p.name for p in result.parameters if p.kind == "effect")
+        _require_fitting(result, self)
+        theta, same = self.model.initial, result.session == self.id
+        take_over(result.values, self.model, theta, same=same)
+        freed = (p.name for p in result.parameters if p.kind == "effect")
+        added = tuple(name for name in freed if name in self.model.parameters.index)
         name = f"{self.model.finger.id}, refitted"
-        return replace(self, loaded=self.loaded.refitted(name, result.theta, added))
+        return replace(self, loaded=self.loaded.refitted(name, theta, added, None if same else result.session))
 
     def without(self, effects: Sequence[str]) -> Session:
         """Return the session with effects, candidates or parameters at their null; what was fitted beside them stays.
 
         Args:
             effects: names, such as `hanger_mass` or `worn_pulley.FDP`.
+
+        Raises:
+            InputError: a name that the model does not know, or one name instead of a list.
         """
+        require_list(effects, "effects", "a list of effects or parameters")
         table, theta = self.model.parameters, self.theta.copy()
+        # Every part of a dotted name, from its left, is a name by itself.
+        parts = [name.split(".") for name in table.names]
+        _require_known(effects, "effect or parameter", {".".join(p[:n]) for p in parts for n in range(1, len(p) + 1)})
         for name, i in table.index.items():
             if _belongs(name, effects):
                 theta[i] = table.initial[i]
@@ -171,12 +190,15 @@ class Session:
         """Return the session with parameters by name, the others as its finger has them.
 
         Args:
-            values: by name of the parameter; names that the model lacks are passed over.
+            values: by name of the parameter.
+
+        Raises:
+            InputError: a name that is no parameter of the model.
         """
         table, theta = self.model.parameters, self.model.initial
+        _require_known(values, "parameter", table.names)
         for name, value in values.items():
-            if name in table.index:
-                theta[table.index[name]] = value
+            theta[table.index[name]] = value
         return replace(self, loaded=replace(self.loaded, theta=theta))
 
     def holding(self, parameters: Sequence[str]) -> Session:
@@ -184,7 +206,12 @@ class Session:
 
         Args:
             parameters: names, such as `hanger_mass.m0`.
+
+        Raises:
+            InputError: a name that is no parameter of the model, or one name instead of a list.
         """
+        require_list(parameters, "parameters", "a list of parameters")
+        _require_known(parameters, "parameter", self.model.parameters.names)
         return replace(self, loaded=replace(self.loaded, added=tuple(parameters)))
 
     def held_without(self, effects: Sequence[str] = ()) -> tuple[str, ...]:
@@ -204,6 +231,33 @@ class Session:
             expected = f"one of {has}" if has else "a model with an effect: this one has none"
             raise InputError(f"the model has no {unknown[0]} to take out", expected)
         return tuple(p for p in added if not _belongs(p, effects))
+
+
+def _require_fitting(fit: Fit, session: Session) -> None:
+    """Refuse a fit that says nothing of a session: of another finger, or with an effect that its model lacks."""
+    theirs, ours = fit.model.finger, session.model.finger
+    if not theirs.is_built_as(ours):
+        raise ModelError(
+            f"a fit of finger {theirs.id} for session {session.id} with finger {ours.id}",
+            "a fit of the same finger",
+            "Save it, and open the session with that revision as its model",
+        )
+    known = {effect.name for effect in session.model.effects}
+    lacking = [p.name for p in fit.parameters if p.kind == "effect" and p.name.split(".")[0] not in known]
+    if lacking:
+        raise ModelError(
+            f"a fit with {lacking[0]}, which the model of session {session.id} does not know",
+            "a session whose model has the same effects",
+            "Open it with the same effects and catalogue",
+        )
+
+
+def _require_known(names: Iterable[str], what: str, known: Collection[str]) -> None:
+    """Refuse a name that is none of the known ones."""
+    for name in names:
+        if name not in known:
+            expected = "a name of session.model.parameters.names"
+            raise InputError(f"the model has no {what} {name!r:.60}", expected, did_you_mean(name, sorted(known)))
 
 
 def _belongs(parameter: str, effects: Sequence[str]) -> bool:

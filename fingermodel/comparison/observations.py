@@ -38,6 +38,7 @@ class Observations:
         layout: settings and mountings.
         noise_assumed: whether any case states no uncertainty of its own, so that the budget's stands in.
         tared: (n, 6) what was taken from each reading as its tare [N, N mm].
+        session: id of the session.
     """
 
     ids: tuple[str, ...]
@@ -51,6 +52,7 @@ class Observations:
     layout: Layout
     noise_assumed: bool
     tared: Floats = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
+    session: str = ""
 
     def __post_init__(self) -> None:
         if not self.tared.size:
@@ -158,6 +160,7 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         layout=layout,
         noise_assumed=any(not m.noise_stated for m in measured.cases),
         tared=_tared(measured, n + k),
+        session=session.id,
     )
 
 

@@ -198,6 +198,14 @@ class Finger:
         arrays = {k: np.asarray(v, dtype=float) for k, v in changes.items()}
         return replace(self, values=self.values._replace(**arrays))
 
+    def is_built_as(self, other: Finger) -> bool:
+        """Whether both have the same parts and bones, whatever a fit made of tendon points and fractions."""
+        ours, theirs = (
+            np.concatenate([np.ravel(part) for part in (v.centre, v.axis, v.load_point, v.suture)])
+            for v in (self.values, other.values)
+        )
+        return (self.id, self.topology) == (other.id, other.topology) and bool(np.allclose(ours, theirs))
+
     def phalanx_lengths_mm(self) -> dict[str, float]:
         """Length of each phalanx from its joint centre to the next one, or for the last one as far as is known."""
         topology, out = self.topology, {}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.fitting.problems import Problem, residual_at
 from fingermodel.fitting.reading_errors import AS_STATED, OTHER_SCATTER, ReadingErrors, other_scatter
+from fingermodel.model import Model
 
 Floats = NDArray[np.float64]
 # Of two parameters: they are listed from here on, and cannot be told apart from there on.
@@ -40,14 +41,17 @@ class FittedParameter:
         return abs(self.value - self.initial) / self.prior_sd if self.prior_sd else 0.0
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """The outcome of a refit as a value; `message` says what to do.
 
-    `optima` are objective and probability of each distinct optimum that was found, the values' own first. `weighted`
-    says whether the objective counts in standard uncertainties (Eq 5 does not), `errors` what it counts with besides.
+    `model` and `session` (its id) are those that were fitted; `theta` holds all parameters of that model. `optima` are
+    objective and probability of each distinct optimum that was found, the values' own first. `weighted` says whether
+    the objective counts in standard uncertainties (Eq 5 does not), `errors` what it counts with besides.
     """
 
+    model: Model
+    session: str
     method: str
     outcome: Outcome
     message: str
@@ -64,6 +68,11 @@ class Fit:
     optima: tuple[tuple[float, float], ...] = ()
     weighted: bool = True
     errors: ReadingErrors = AS_STATED
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter of the model by name, free or not."""
+        return dict(zip(self.model.parameters.names, self.theta.tolist(), strict=True))
 
     def __repr__(self) -> str:
         return f"<Fit ({self.method}), {self.outcome}: {int(self.free.sum())} parameters>"
@@ -158,6 +167,8 @@ def describe(
             )
         )
     fit = Fit(
+        model=problem.model,
+        session=problem.observations.session,
         method=method,
         outcome=best.outcome,
         message="",

@@ -17,7 +17,7 @@ import daq
 import fingermodel
 import fingertwin
 import server
-from fingermodel import InputError, Session, add, compare, predict, read_finger, read_revision, refit, save
+from fingermodel import Fit, InputError, Session, add, compare, predict, read_finger, read_revision, refit, save
 from fingermodel.diagnosis.session_model.session import session_of
 from tests.contracts.test_layers import loaded_by
 
@@ -136,6 +136,62 @@ def test_an_addition_is_part_of_the_model_afterwards(session: Session, tmp_path:
     revision = save(session, addition, tmp_path / "tip.json")
     assert revision.document["added"] == list(addition.names)
     assert revision.document["evidence"] == {"log_evidence_gain": addition.log_evidence_gain}
+
+
+@pytest.fixture(scope="module")
+def specimen() -> Session:
+    return Session.open("synek2019_H01")
+
+
+@pytest.fixture(scope="module")
+def own_fit(specimen: Session) -> Fit:
+    return refit(specimen, starts=1)
+
+
+def test_a_fit_goes_to_another_session_by_the_names_of_its_parameters(
+    session: Session, specimen: Session, own_fit: Fit
+) -> None:
+    """Anatomy and effects belong to the specimen; errors of rig and posture stay where they were made."""
+    cases = tuple(reversed(specimen.measured.cases))
+    backwards = Session.of(replace(specimen.measured, cases=cases))
+    assert backwards.model.parameters.names != specimen.model.parameters.names
+    expected = compare(specimen.at(own_fit)).rmse_N("identification/tip")
+    assert compare(backwards.at(own_fit)).rmse_N("identification/tip") == pytest.approx(expected, rel=1e-9)
+
+    other = session.at(own_fit)
+    index, budget = other.model.parameters.index, other.model.parameters.of_kind("budget")
+    assert not other.theta[budget].any()
+    anatomy = {p.name: p.value for p in own_fit.parameters if p.kind == "anatomy"}
+    assert {name: other.theta[index[name]] for name in anatomy} == anatomy
+    assert "fitted to session synek2019_H01" in other.loaded.notes[0]
+    assert not specimen.at(own_fit).loaded.notes
+
+
+def test_a_fit_that_says_nothing_of_a_session_is_refused(session: Session, own_fit: Fit, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a fit of finger synek2019_initial for session DEV-02 with finger an1979"):
+        Session.open("DEV-02", catalogue=False).at(own_fit)
+    with pytest.raises(InputError, match=r"synek2019_H01 to be saved as one of synek2019_HMEAN; .*Give session synek2"):
+        save(session, own_fit, tmp_path / "alien.json")
+    assert not list(tmp_path.iterdir())
+    added = refit(session.holding(["tip_location.x"]), starts=1)
+    with pytest.raises(InputError, match=r"a fit with tip_location\.x, which the model of session synek2019_HMEAN"):
+        Session.open("synek2019_HMEAN", catalogue=False).at(added)
+
+
+def test_a_name_that_the_model_lacks_is_refused_wherever_a_session_takes_names(session: Session) -> None:
+    asked: list[tuple[Callable[[], object], str]] = [
+        (lambda: session.without("hanger_mass"), r"effects is 'hanger_mass'; .*Give \['hanger_mass'\]"),
+        (lambda: session.without(["hanger_mas"]), "no effect or parameter 'hanger_mas'; .*Did you mean hanger_mass?"),
+        (lambda: session.holding("hanger_mass.m0"), r"parameters is 'hanger_mass\.m0'; .*Give \['hanger_mass\.m0'\]"),
+        (lambda: session.holding(["hanger_mass"]), "no parameter 'hanger_mass'"),
+        (lambda: session.at_values({"hanger_mass.mO": 30.0}), r"no parameter 'hanger_mass\.mO'; .*Did you mean hanger"),
+    ]
+    for ask, words in asked:
+        with pytest.raises(InputError, match=words):
+            ask()
+    heavier = session.at_values({"hanger_mass.m0": 30.0, "worn_pulley.FDP": 20.0})
+    for names in (["hanger_mass", "worn_pulley"], ["hanger_mass.m0", "worn_pulley.FDP"]):
+        np.testing.assert_array_equal(heavier.without(names).theta, session.theta)
 
 
 def test_columns_of_a_comparison_are_its_cases(session: Session) -> None:

@@ -137,7 +137,7 @@ def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Pat
     # The published identification held this share at half; predictions before any fit need all of it.
     assert "fraction.RI_EM is 1 in the finger's file; every fit holds it at 0.5." in fit.message
     after = compare(bench.model, bench.observations, fit.theta)
-    document = revision_document(bench.model, fit, bench.loaded.parent, "synek2019_H02", {}, after.summary(), None)
+    document = revision_document(fit, bench.loaded.parent, {}, after.summary(), None)
     path = free_path(tmp_path, "synek2019_H02")
     write_revision(document, path)
     assert path.name == "synek2019_H02-r1.json"
@@ -224,6 +224,6 @@ def test_no_model_file() -> None:
 def test_revision_holds_only_plain_json(tmp_path: Path) -> None:
     bench = Session.open("synek2019_H01", catalogue=False)
     fit = refit_map(stated_problem(bench.model, bench.observations))
-    document = revision_document(bench.model, fit, "x", "y", {}, {}, None)
+    document = revision_document(fit, "x", {}, {}, None)
     text = json.dumps(document, allow_nan=False)
     assert json.loads(text)["covariance"]["names"] == [p.name for p in fit.parameters]

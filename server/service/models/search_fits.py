@@ -55,7 +55,7 @@ def fit_revision(bench: Session, name: str, answer: dict[str, Any], found: dict[
     """
     model, session, index = bench.model, bench.measured.session.id, bench.model.parameters.index
     # A session that was changed since the search may lack a setting or a mounting.
-    theta = bench.at_values(found["fit"]).theta
+    theta = bench.at_values({name: value for name, value in found["fit"].items() if name in index}).theta
     job, _, wanted = name.partition("/")
     what = "nothing" if wanted == NOTHING else wanted.replace("+", " + ")
     title = f"{bench.loaded.name} with {what} added (search {job[:6]})"
