@@ -40,7 +40,7 @@ class Budget:
         angle_sd_deg: each joint angle, per setting.
         tendon_point_sd_mm: x and y of the tendon points by joint; z has half of it.
         fraction_sd: fractions of the hood.
-        mount_offset_sd_mm: where the cell's origin lies, each axis, per mounting.
+        mount_offset_sd_mm: where the cell's origin lies, seen from the load point, each mount axis, per mounting.
         reading_sd_N: scatter of an averaged force component that states no uncertainty of its own.
     """
 

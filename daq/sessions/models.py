@@ -86,7 +86,7 @@ class Mount(Strict):
         frame: the bone whose axes the readings end in.
         rotation: (3, 3) cell to mount; without one the readings are already in right-hand-equivalent mount axes.
         rotation_deg: the same as intrinsic x-y-z angles [deg].
-        offset_mm: (3,) d of T' = R (T − d × F) [mm].
+        offset_mm: (3,) d of T' = R (T − d × F), the load point seen from the cell's origin in the cell's axes [mm].
     """
 
     frame: Word | None = None

@@ -25,6 +25,8 @@ MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 class MountTransform:
     """Transform of readings to wrenches in mount axes: F' = R F, T' = R (T − d × F), then the mirror of a left hand.
 
+    d leads from the cell's origin to the load point, in the cell's axes.
+
     Attributes:
         matrix: (6, 6) that takes a wrench of the cell to one of the mount.
     """
@@ -65,6 +67,31 @@ def mount_transform(mount: Mount | None, side: str) -> MountTransform:
     return MountTransform(matrix)
 
 
+def mount_taking_up(mount: Mount | None, side: str, turned: Floats, away_mm: Floats) -> Mount:
+    """Return the mount with which readings are right that come out turned, and about another point.
+
+    With the mount as described, a wrench F, T about the load point comes out as F' = Q F, T' = Q (T − o × F).
+    Readings of a left hand without a rotation are in place already; a rotation would mirror them, so that none is
+    returned for them.
+
+    Args:
+        mount: as the session describes it; None is no rotation and no offset.
+        side: left or right.
+        turned: (3, 3) Q, in mount axes.
+        away_mm: (3,) o, from the load point to the point that the torque is about, in mount axes.
+    """
+    known = mount or Mount()
+    to_mount = mount_transform(known, side).matrix[:3, :3]
+    offset = np.array(known.offset_mm or (0.0, 0.0, 0.0)) - to_mount.T @ turned @ away_mm
+    angles = None
+    if mount_rotation(known) is not None or side != "left":
+        # What is stated is the rotation that a mirror across z may follow.
+        mirror = np.diag([1.0, 1.0, np.linalg.det(to_mount)])
+        angles = xyz_angles_deg(mirror @ turned.T @ to_mount)
+    x, y, z = offset.tolist()
+    return Mount(frame=known.frame, rotation_deg=angles, offset_mm=(x, y, z) if offset.any() else None)
+
+
 def mount_rotation(mount: Mount) -> Floats | None:
     """Return the rotation (3, 3) from cell to mount, None where the mount states none."""
     if mount.rotation is not None:
@@ -82,6 +109,16 @@ def intrinsic_xyz(angles_deg: Sequence[float]) -> Floats:
     rz = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
     out: Floats = rx @ ry @ rz
     return out
+
+
+def xyz_angles_deg(rotation: Floats) -> tuple[float, float, float]:
+    """Return the intrinsic x-y-z angles [deg] of a rotation R = Rx Ry Rz (3, 3)."""
+    a = np.arctan2(-rotation[1, 2], rotation[2, 2])
+    # Where y turns by a quarter, only the sum of the other two counts: what x leaves is read, whatever it took.
+    left = intrinsic_xyz((float(np.rad2deg(a)), 0.0, 0.0)).T @ rotation
+    b, c = np.arctan2(left[0, 2], left[2, 2]), np.arctan2(left[1, 0], left[1, 1])
+    x, y, z = np.rad2deg([a, b, c]).tolist()
+    return x, y, z
 
 
 def cross_matrix(d: Floats) -> Floats:

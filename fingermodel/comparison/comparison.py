@@ -162,11 +162,11 @@ class Comparison:
             InputError: there is no such group or plane.
         """
         role, _, location = group.partition("/")
-        rmse = self.select(role, location).errors(self.judged_in if plane is None else plane).rmse_N
-        if rmse is None:
+        error = self.select(role, location).errors(self.judged_in if plane is None else plane).rmse_N
+        if error is None:
             groups = dict.fromkeys(f"{c.role}/{c.location}" for c in self.cases)
             raise InputError(f"no load case of {group}", f"one of {', '.join(groups) or 'none: no case is left'}")
-        return rmse
+        return error
 
     def table(self) -> dict[str, list[Any]]:
         """Return the cases by column, one entry a case; `pandas.DataFrame` takes it as it is.
@@ -226,7 +226,7 @@ class Comparison:
                 values = np.array(rows)
                 out["/".join(key)] = {
                     "cases": len(rows),
-                    "rmse_Mz_Nmm": float(np.sqrt(np.mean(values[:, 0] ** 2))),
+                    "rmse_Mz_Nmm": rmse(values[:, 0]),
                     "mean_abs_Mz_Nmm": float(np.mean(np.abs(values[:, 1]))),
                 }
         return out
@@ -290,6 +290,11 @@ def _norms(residuals: Floats, covariances: Floats) -> list[float | None]:
     return [next(norms) if one else None for one in known.tolist()]
 
 
+def rmse(errors: Floats) -> float:
+    """Return the root mean square of errors, each of one component of one case (Eq 6)."""
+    return float(np.sqrt(np.mean(errors**2)))
+
+
 def summarise(cases: Iterable[CaseComparison], components: int) -> ErrorSummary:
     """Summarise errors over the first `components` force components (2: sagittal, 3: space)."""
     rows = list(cases)
@@ -299,7 +304,7 @@ def summarise(cases: Iterable[CaseComparison], components: int) -> ErrorSummary:
     predicted = np.array([c.predicted_N[:components] for c in rows])
     sd = np.array([c.measured_sd_N[:components] for c in rows])
     norm, norm_predicted = np.linalg.norm(measured, axis=1), np.linalg.norm(predicted, axis=1)
-    rmse = float(np.sqrt(np.mean((measured - predicted) ** 2)))
+    error = rmse(measured - predicted)
     magnitude = np.abs(norm_predicted - norm)
     some = norm > 0
     # A direction means something only where the force stands out: three standard uncertainties along itself.
@@ -312,8 +317,8 @@ def summarise(cases: Iterable[CaseComparison], components: int) -> ErrorSummary:
     return ErrorSummary(
         cases=len(rows),
         components=len(rows) * components,
-        rmse_N=rmse,
-        rmse_rel_pct=100.0 * rmse / mean_norm if mean_norm > 0 else None,
+        rmse_N=error,
+        rmse_rel_pct=100.0 * error / mean_norm if mean_norm > 0 else None,
         magnitude_error_N=float(magnitude.mean()),
         magnitude_error_pct=100.0 * float((magnitude[some] / norm[some]).mean()) if some.any() else None,
         direction_error_deg=float(angle.mean()) if clear.any() else None,

@@ -64,7 +64,7 @@ def addition_body(
     """Return the contract's answer, without the model's path and history."""
     return (
         provenance(bench)
-        | fit_body(addition.fit, before, after)
+        | fit_body(bench, addition.fit, before, after)
         | {
             "refitted_alone": None if alone is None else alone.summary(),
             "added": list(addition.names),

@@ -9,6 +9,7 @@ from fingermodel.api import refit
 from fingermodel.comparing import compare
 from fingermodel.comparison.comparison import Comparison
 from fingermodel.session import Progress, Session
+from server.application.fitted_mounts import fitted_mounts
 
 if TYPE_CHECKING:
     from fingermodel.fitting.fit_report import Fit
@@ -23,7 +24,7 @@ def refit_compared(
     return before, fit, after
 
 
-def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:
+def fit_body(bench: Session, fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:
     """Return the contract's refit answer, without the model's path."""
     return {
         "method": fit.method,
@@ -38,6 +39,10 @@ def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:
         "before": before.summary(),
         "after": after.summary(),
         "parameters": [asdict(p) for p in fit.parameters],
+        "mounts": {
+            location: mount.model_dump(exclude_none=True)
+            for location, mount in fitted_mounts(bench, {p.name: p.value for p in fit.parameters}).items()
+        },
         "optima": [{"objective": objective, "probability": share} for objective, share in fit.optima],
         "correlated": [{"a": a, "b": b, "r": r} for a, b, r in fit.correlated],
     }

@@ -96,7 +96,7 @@ def _add_to_session(
     print_history(document["history"])
     say(f"Model: {path}   (fingertwin diagnose {quoted(session)} --model {quoted(path)})")
     print_fall(before, alone, after, without=addition.fit.errors.not_counted)
-    print_fit(addition.fit)
+    print_fit(addition.fit, body["mounts"])
     if page:
         say(f"Figures: {page}")
     return body

@@ -15,6 +15,7 @@ from fingermodel.model_files import free_path, require_new
 from fingermodel.revisions import save_revision
 from fingermodel.session import Session
 from server.application.drawing import draw_comparison
+from server.application.fitted_mounts import tells_of_mounting
 from server.application.provenance import provenance, told_first
 from server.application.refitting import fit_body, refit_compared
 from server.commands.console import answer, progress, say, shown, table
@@ -22,8 +23,14 @@ from server.commands.console import answer, progress, say, shown, table
 if TYPE_CHECKING:
     from fingermodel.comparison.comparison import CaseComparison, Comparison
 
+_OF_MOUNTINGS = (
+    "mount_offset: from the load point to the cell's origin; a session's offset_mm is the opposite. Rotations: of the "
+    "reading; a session's rotation_deg turns it back."
+)
 # Of the correlations, as many as are printed.
 _MOST_PAIRS = 12
+# So many prior sd from its prior, a parameter is unusual.
+_FAR = 2.0
 
 
 def compare_session(
@@ -70,13 +77,13 @@ def refit_session(
     page = None
     if figures:
         page = draw_comparison(bench, after, figures, before=before, theta=fit.theta, model_name="refitted")
-    body = provenance(bench) | fit_body(fit, before, after) | {"model": str(path)}
+    body = provenance(bench) | fit_body(bench, fit, before, after) | {"model": str(path)}
     if answer("refit", body, json):
         return
     say_first(body)
     print_fall(before, after, without=fit.errors.not_counted)
     say(f"Model: {path}   (fingertwin compare {quoted(session)} --model {quoted(path)})")
-    print_fit(fit)
+    print_fit(fit, body["mounts"])
     if page:
         say(f"Figures: {page}")
 
@@ -154,19 +161,27 @@ def print_fall(*comparisons: Comparison | None, without: Sequence[str] = ()) -> 
     )
 
 
-def print_fit(fit: Fit) -> None:
-    """Print how the fit went, what moved most with value, sd and prior, and which parameters move together."""
+def print_fit(fit: Fit, mounts: Mapping[str, Mapping[str, Any]]) -> None:
+    """Print how the fit went, what moved most with value, sd and prior, and which parameters move together.
+
+    Args:
+        fit: to print.
+        mounts: that would take it up, by location, as the session describes them.
+    """
     say(fit.message)
     fall = f"{fit.objective_before:.4g} → {fit.objective:.4g}"
     say(f"Objective {fall}, {fit.evaluations} evaluations, {fit.seconds:.2f} s")
     flat = [p for p in fit.parameters if not p.prior_sd]
     moved = sorted((p for p in fit.parameters if p.prior_sd and not p.at_bound), key=lambda p: -p.moved)
     bound = [p for p in fit.parameters if p.prior_sd and p.at_bound]
+    listed = [*flat, *bound, *moved[:12]]
     table(
         f"{len(fit.parameters)} parameters fitted to {fit.residuals} readings by {fit.method}; what moved most",
         ["parameter", "unit", "value", "sd", "prior", "prior sd", ""],
-        [[p.name, p.unit, p.value, p.sd, p.initial, p.prior_sd, _remark(p)] for p in [*flat, *bound, *moved[:12]]],
+        [[p.name, p.unit, p.value, p.sd, p.initial, p.prior_sd, _remark(p)] for p in listed],
+        _OF_MOUNTINGS if any(tells_of_mounting(p.name) for p in listed) else "",
     )
+    _say_mounts(fit, mounts)
     if fit.correlated:
         table(
             f"Correlations above {CORRELATED:g}",
@@ -176,12 +191,27 @@ def print_fit(fit: Fit) -> None:
         )
 
 
+def _say_mounts(fit: Fit, mounts: Mapping[str, Mapping[str, Any]]) -> None:
+    """Print how a mounting that is far off, or that an effect turns, is entered in the session."""
+    telling = [p for p in fit.parameters if tells_of_mounting(p.name) and (p.moved > _FAR or p.kind == "effect")]
+    places = {p.name.split(".")[1] for p in telling}
+    for location, mount in mounts.items():
+        if any(place.startswith((location, "common")) for place in places):
+            entry = ", ".join(f"{key}: {_as_entry(value)}" for key, value in mount.items())
+            say(f"Where the rig confirms it, put into load_cell.mounts of session.yaml:  {location}: {{{entry}}}")
+
+
+def _as_entry(value: Any) -> str:
+    """Return a value of a mount as `session.yaml` has it, numbers to a hundredth."""
+    return value if isinstance(value, str) else f"[{', '.join(f'{x:.2f}' for x in value)}]"
+
+
 def _remark(p: FittedParameter) -> str:
     if p.at_bound:
         return "at bound"
     if not p.identified:
         return "prior only"
-    return f"{p.moved:.1f} prior sd away" if p.moved > 2.0 else ""
+    return f"{p.moved:.1f} prior sd away" if p.moved > _FAR else ""
 
 
 def _words(group: str) -> str:

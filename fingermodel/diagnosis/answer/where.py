@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison.comparison import compare, muscles_of, summarise
+from fingermodel.comparison.comparison import compare, muscles_of, rmse, summarise
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from fingermodel.fingers import COMPONENTS, PLANES
 from fingermodel.fitting.problems import Problem
@@ -41,8 +41,8 @@ def where(problem: Problem, theta: Floats) -> dict[str, Any]:
     def summary(cases: Sequence[int]) -> dict[str, Any]:
         rows = [compared[observations.ids[i]] for i in cases]
         z2 = [z**2 for c in rows if (z := c.z_in(plane)) is not None]
-        rmse = summarise(rows, PLANES[plane]).rmse_N
-        return {"cases": len(rows), "rmse_N": rmse, "z_rms": float(np.sqrt(np.mean(z2))) if z2 else None}
+        size = summarise(rows, PLANES[plane]).rmse_N
+        return {"cases": len(rows), "rmse_N": size, "z_rms": float(np.sqrt(np.mean(z2))) if z2 else None}
 
     def grouped(key: Callable[[int], Any]) -> dict[Any, Any]:
         return {k: summary([i for i in used if key(i) == k]) for k in dict.fromkeys(key(i) for i in used)}
@@ -95,7 +95,7 @@ def _by_component(problem: Problem, residual: Floats, used: Sequence[int]) -> di
     for c in sorted(set(problem.rows % 6)):
         rows = [i for i in used if i * 6 + c in set(problem.rows)]
         values = residual[rows, c]
-        size = float(np.sqrt(np.mean(values**2))) if rows else None
+        size = rmse(values) if rows else None
         z = float(np.sqrt(np.mean(values**2 / np.maximum(variance[rows, c], 1e-18)))) if rows else None
         key = "rmse_N" if c < 3 else "rmse_Nmm"
         out[COMPONENTS[c]] = {"cases": len(rows), key: size, "z_rms": z}

@@ -40,7 +40,8 @@ class SharedLaw:
         each_sd: (sessions,) its sd, the prior's where it says nothing.
         log_evidence: that it acts in all of them, over that it acts in none.
         left_out_gain: (sessions,) log density that it adds to each, its value learned from the others.
-        unseen: by session: RMSE [N] of the validation forces by mount, before and with the value of the others.
+        unseen: by session: RMSE [N] of the validation forces' components by mount, before and with the value of the
+            others.
         rivals: other laws that these load cases cannot part from it.
         formula: with which it can be added; None for an effect, which has its name.
         changes: (cases, 6) of each session's readings by its value.

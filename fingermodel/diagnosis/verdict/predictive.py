@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, expit, logit, logsumexp
 
+from fingermodel.comparison.comparison import rmse
 from fingermodel.diagnosis.posterior.hyper import BUDGET, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -344,7 +345,13 @@ def together(checked: Mapping[Explanation, PredictiveCheck], shares: Mapping[Exp
 
 
 def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[float, float]]:
-    """RMSE [N] of the validation forces by mount, without and with a change (cases, 6) of the readings."""
+    """RMSE [N] of the validation forces' components by mount, without and with a change of the readings.
+
+    Args:
+        fit: that predicts them.
+        node: of the hyperparameters.
+        change: (cases, 6) of all readings by something that acts besides [N, N mm].
+    """
     session = fit.session
     if session.fitted.all():
         return {}
@@ -356,7 +363,5 @@ def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[f
     for place in dict.fromkeys(observations.locations):
         here = force & np.array([observations.locations[i] == place for i in unseen // 6])
         if here.any():
-            components = len(set((unseen[here] % 6).tolist()))
-            first, second = (float(np.sqrt(components * np.mean(x[here] ** 2))) for x in (before, after))
-            out[place] = (first, second)
+            out[place] = (rmse(before[here]), rmse(after[here]))
     return out

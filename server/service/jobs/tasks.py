@@ -43,7 +43,7 @@ def refit(payload: RefitInput, tell: Tell) -> Answer:
         bench, payload.method, payload.plane, lambda done: tell(0.1 + 0.85 * done, "refitting")
     )
     revision = describe_revision(bench, fit, before.summary(), after.summary(), payload.bench.readings_sha256)
-    body = provenance(bench) | fit_body(fit, before, after) | {"model": revision["id"]}
+    body = provenance(bench) | fit_body(bench, fit, before, after) | {"model": revision["id"]}
     return _answer("refit", body, payload.bench, revision=revision)
 
 

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from daq.cells import cell_spec
 from daq.sessions import Mount
-from daq.signals.calibration import cross_matrix, intrinsic_xyz, mount_transform
+from daq.signals.calibration import cross_matrix, intrinsic_xyz, mount_taking_up, mount_transform, xyz_angles_deg
 from daq.signals.corrections import measure
 from tests.daq.benches import WRENCH, Floats, bench, record, recorded
 
@@ -55,6 +55,47 @@ def test_a_force_at_a_point_keeps_its_point(
     wrench = transform.apply(np.concatenate([force_N, np.cross(point_mm, force_N)]))
     np.testing.assert_allclose(wrench[:3], R @ force_N, atol=1e-9)
     np.testing.assert_allclose(wrench[3:], np.cross(R @ (point_mm - offset_mm), R @ force_N), atol=1e-8)
+
+
+def test_a_force_through_the_load_point_has_no_moment_once_the_offset_is_stated() -> None:
+    # The load point lies 6.5 mm above the cell's origin, along the cell's z.
+    force, load_point = np.array([2.0, 0.0, 1.0]), np.array([0.0, 0.0, 6.5])
+    on_cell = np.concatenate([force, np.cross(load_point, force)])
+    assert on_cell[4] == 13.0
+    moved = mount_transform(mount((0.0, 0.0, 90.0), load_point), "right").apply(on_cell)
+    np.testing.assert_allclose(moved, [0.0, 2.0, 1.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+@given(angles)
+def test_angles_are_read_from_a_rotation_also_where_y_turns_by_a_quarter(rotation_deg: tuple[float, ...]) -> None:
+    for given_deg in (rotation_deg, (rotation_deg[0], 90.0, rotation_deg[2])):
+        R = intrinsic_xyz(given_deg)
+        np.testing.assert_allclose(intrinsic_xyz(xyz_angles_deg(R)), R, atol=1e-9)
+
+
+@pytest.mark.parametrize(("side", "stated"), [("left", True), ("right", True), ("right", False)])
+@given(angles, vectors, angles, vectors, vectors, vectors)
+def test_a_mount_takes_up_how_its_readings_are_off(
+    side: str,
+    stated: bool,
+    rotation_deg: tuple[float, ...],
+    offset_mm: Floats,
+    turned_deg: tuple[float, ...],
+    away_mm: Floats,
+    force_N: Floats,
+    torque_Nmm: Floats,
+) -> None:
+    known, turned = mount(rotation_deg, offset_mm) if stated else None, intrinsic_xyz(turned_deg)
+    comes_out = np.concatenate([turned @ force_N, turned @ (torque_Nmm - np.cross(away_mm, force_N))])
+    on_cell = np.linalg.solve(mount_transform(known, side).matrix, comes_out)
+    right = mount_transform(mount_taking_up(known, side, turned, away_mm), side).apply(on_cell)
+    np.testing.assert_allclose(right, np.concatenate([force_N, torque_Nmm]), atol=1e-7)
+
+
+def test_a_left_hand_without_a_rotation_is_offset_and_not_turned() -> None:
+    taken = mount_taking_up(None, "left", intrinsic_xyz((5.0, 0.0, 0.0)), np.array([4.0, 0.0, 0.0]))
+    assert taken.rotation_deg is None, "a rotation would mirror readings that are in place already"
+    assert taken.offset_mm == pytest.approx([-4.0, 0.0, 0.0])
 
 
 @given(angles, vectors, vectors, vectors, sides)

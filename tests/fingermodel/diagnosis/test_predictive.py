@@ -15,7 +15,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import P_VALUE
-from fingermodel.diagnosis.verdict.predictive import check, whereabouts
+from fingermodel.diagnosis.verdict.predictive import check, unseen_errors, whereabouts
 from fingermodel.session import Session
 
 Floats = NDArray[np.float64]
@@ -108,3 +108,13 @@ def test_where_no_load_is_new_there_is_nothing_else_to_allow_for(bench: Session)
     found = check(fitted(bench, readings, ("sheath_friction",)))
     assert found.p_value is not None
     assert found.p_value > P_VALUE
+
+
+def test_the_unseen_error_is_over_force_components_as_every_rmse(bench: Session) -> None:
+    fit = fitted(bench, bench.observations, ())
+    off_N, change = 1e4, np.zeros(bench.observations.wrench.shape)
+    change[np.array(bench.observations.roles) == "validation", :3] = off_N
+    errors = unseen_errors(fit, fit.best, change)
+    assert set(errors) == {"tip", "bone"}
+    for _, after in errors.values():
+        assert after == pytest.approx(off_N, rel=1e-3)

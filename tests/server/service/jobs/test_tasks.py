@@ -98,7 +98,7 @@ def test_a_refit_in_a_worker_is_the_refit_of_the_command_line(refitted: tasks.An
     bench = Session.open(NAME)
     before, fit, after = refit_compared(bench)
     body, revision = refitted["body"], refitted["revision"]
-    expected = {"schema": "fingertwin/refit/1"} | provenance(bench) | fit_body(fit, before, after)
+    expected = {"schema": "fingertwin/refit/1"} | provenance(bench) | fit_body(bench, fit, before, after)
     assert untimed(body) == untimed(expected | {"model": revision["id"]})
     digests = {"readings_sha256": "f" * 64, "measured_sha256": bench.measured.sha256}
     assert revision["session"] == {"id": NAME} | digests
@@ -115,7 +115,7 @@ def test_additions_and_diagnoses_are_those_of_the_command_line() -> None:
     given = bench_input(NAME)
     answer = tasks.add(inputs.AddInput(given, ("hanger_mass",)), silent())
     body, revision = answer["body"], answer["revision"]
-    for key, value in untimed(fit_body(addition.fit, before, after)).items():
+    for key, value in untimed(fit_body(bench, addition.fit, before, after)).items():
         assert body[key] == value
     assert (body["added"], body["log_evidence_gain"]) == (["hanger_mass"], addition.log_evidence_gain)
     assert revision["added"] == ["hanger_mass"]
