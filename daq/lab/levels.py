@@ -78,7 +78,10 @@ class StillSpans:
             self._begin()
 
     def spans(self, tolerance: Floats) -> list[Span]:
-        """Return the spans [s]; a quarter of the tolerance (k,) is no change of level, however small the noise."""
+        """Return the spans [s]; a quarter of the tolerance (k,) is no change of level, however small the noise.
+
+        A channel whose tolerance is 0 never changes, and is not looked at.
+        """
         if not self._begun:
             self._begin()
         return [] if self._means is None else self._means.still(tolerance)
@@ -128,7 +131,9 @@ class _Means:
         if not self._count:
             return []
         length = self._width * self._interval_s
-        return _still(np.concatenate(self._begins), np.concatenate(self._blocks), length, tolerance)
+        changing = tolerance > 0.0
+        blocks = np.concatenate(self._blocks)[:, changing]
+        return _still(np.concatenate(self._begins), blocks, length, tolerance[changing])
 
 
 def _middle(span: Span, longest_s: float) -> Span:
@@ -206,8 +211,8 @@ def _still(begins: Floats, blocks: Floats, length: float, tolerance: Floats) -> 
 def _parted(blocks: Floats, first: int, last: int, scatter: Floats) -> list[tuple[int, int]]:
     """Part a span of blocks where its level changes by less than would end it, but suddenly."""
     own = blocks[first:last]
-    n = len(own)
-    if n < 4 * _BESIDE:
+    n, channels = own.shape
+    if n < 4 * _BESIDE or not channels:
         return [(first, last)]
     at = np.arange(_BESIDE, n - _BESIDE)
     sums = np.cumsum(own, axis=0)

@@ -316,12 +316,10 @@ def _change(line: str, choices: Sequence[Choice], tendons: Sequence[str]) -> tup
     if match is None or not 1 <= int(match[1]) <= len(choices):
         raise InputError(f"{line!r}", f"a number from 1 to {len(choices)}, and what it is")
     at, what = int(match[1]) - 1, match[2].strip()
-    if what in ("tare", "skip"):
-        return at, replace(choices[at], kind=what, note=None, sure=1.0)
     # What is not said is as it was, or as of the load before.
     before = next((c.note for c in reversed(choices[: at + 1]) if c.kind == "load" and c.note), None)
-    *_, note = notes_of(what if before is None else f"{said(before)}\n{what}", tendons)
-    return at, replace(choices[at], kind="load", note=note, sure=1.0)
+    *_, note = notes_of(what if before is None else f"{said(before)}\n{what}", tendons, whole=False)
+    return at, replace(choices[at], kind=note.kind, note=note if note.kind == "load" else None, sure=1.0)
 
 
 def _postures(options: NewOptions, wanted: Sequence[str], finger: Finger, asking: bool) -> dict[str, dict[str, float]]:

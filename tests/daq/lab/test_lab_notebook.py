@@ -62,10 +62,61 @@ def test_a_table_is_as_good_as_typed_lines(text: str) -> None:
     assert loads == [((("FDP", 950.0),), "hook", "tip"), ((("EDC", 400.0),), "hook", "bone")]
 
 
+WIDE, LONG = "FDP,FDS,posture,location\n", "tendon,mass,posture,location\n"
+
+
+def test_a_cell_of_a_tendon_is_a_mass_as_in_a_typed_line() -> None:
+    notes = read_notes(WIDE + '950 g,0,hook,tip\n0.95 kg,,,\n"300,5",285 g,,bone\n,,,\n', TENDONS)
+    hung = [n.masses_g for n in notes]
+    assert hung == [(("FDP", 950.0),), (("FDP", 950.0),), (("FDP", 300.5), ("FDS", 285.0))]
+
+
+@pytest.mark.parametrize(
+    ("row", "posture"), [("0,0,flat,tip", "flat"), ("tare,,flat,tip", "flat"), ("tare,,,", "hook")]
+)
+def test_a_row_in_which_nothing_hangs_is_a_tare_and_not_the_load_before(row: str, posture: str) -> None:
+    notes = read_notes(f"{WIDE}950,0,hook,tip\n{row}\n0,300,,\n", TENDONS)
+    assert [(n.kind, n.masses_g) for n in notes] == [
+        ("load", (("FDP", 950.0),)), ("tare", ()), ("load", (("FDS", 300.0),))
+    ]  # fmt: skip
+    assert notes[2].posture == posture
+
+
+@pytest.mark.parametrize("heading", [WIDE, LONG])
+@pytest.mark.parametrize("row", ["again,,,", ",,again,"])
+def test_a_row_without_a_mass_is_the_load_before_where_it_says_so(heading: str, row: str) -> None:
+    first = "950,0,hook,tip" if heading == WIDE else "FDP,950,hook,tip"
+    notes = read_notes(f"{heading}{first}\n{row}\n", TENDONS)
+    assert [(n.masses_g, n.posture, n.repeats) for n in notes] == [
+        ((("FDP", 950.0),), "hook", False), ((("FDP", 950.0),), "hook", True)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{LONG}FDP,950,hook,tip\ntare,,,\nFDS,300,,\nskip,,,\n",
+        f"{WIDE}950,0,hook,tip\ntare,,,\n,300,,\nskip,,,\n",
+        "FDP 950, hook, tip\ntare\nFDS 300\nFDS 700, skip\n",
+    ],
+)
+def test_tare_and_skip_are_no_postures(text: str) -> None:
+    notes = read_notes(text, TENDONS)
+    assert [n.kind for n in notes] == ["load", "tare", "load", "skip"]
+    assert (notes[2].masses_g, notes[2].posture) == ((("FDS", 300.0),), "hook")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "the notebook is empty"),
+        (f"{WIDE}950,0,hook,tip\n0,n/a,,", "line 3 of the notebook, column FDS, has 'n/a'"),
+        (f"{WIDE}9x50,0,hook,tip", "line 2 of the notebook, column FDP, has '9x50'"),
+        (f"{WIDE}950,0,hook,tip\n,,flat,tip", "line 3 of the notebook, 'flat, tip', names no mass"),
+        (f"{WIDE}950,5,0,hook,tip", "line 2 of the notebook has 'tip' behind its last column"),
+        (f"{LONG}FDP,950,hook,tip\n,300,,", "line 3 of the notebook, column tendon, has '300'"),
+        (f"{LONG}FDP,950,hook,tip\n,,,bone", "line 3 of the notebook, 'bone', names no mass"),
+        ("FDP 950, hook, tip, tare", "is a tare with a mass"),
         ("hook, tip", "line 1 of the notebook, 'hook, tip', lacks a mass"),
         ("FDP 950, tip", "lacks a posture"),
         ("FDP 950, hook", "lacks tip or bone"),

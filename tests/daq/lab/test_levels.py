@@ -7,9 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from daq.lab.levels import find_levels
+from daq.lab.levels import StillSpans, find_levels
 from daq.recordings.readings import ReadingBlock, open_readings
+from daq.recordings.windows import Span
 from daq.sessions import read_session
 
 
@@ -89,3 +91,20 @@ def test_what_never_holds_still_or_is_too_short_has_no_plateau() -> None:
     assert find_levels([ReadingBlock(t_s, moving)]) == ()
     assert find_levels([ReadingBlock(t_s[:3], moving[:3])]) == ()
     assert find_levels([ReadingBlock(np.zeros(50), np.zeros((50, 6)))]) == ()
+
+
+@pytest.mark.parametrize("constant", [0.0, 23.5, -0.1])
+def test_a_channel_that_never_changes_says_nothing_of_plateaus(constant: float) -> None:
+    rng = np.random.default_rng(6)
+    t_s = np.arange(0.0, 60.0, 0.01)
+    force = rng.normal(0.0, 0.02, (len(t_s), 1)) + np.where((t_s // 10.0) % 2, 2.0, 0.0)[:, None]
+
+    def plateaus(values: NDArray[np.float64]) -> list[Span]:
+        still = StillSpans()
+        still.add(t_s, values)
+        return still.spans(4e-3 * np.ptp(values, axis=0))
+
+    steady = np.full_like(force, constant)
+    assert len(plateaus(force)) == 6
+    assert plateaus(np.hstack([force, steady])) == plateaus(force)
+    assert plateaus(steady) == [pytest.approx((0.3, 59.7), abs=0.1)]
