@@ -306,7 +306,7 @@ def test_a_full_disk_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
 ) -> None:
     monkeypatch.setattr("daq.files.os.fsync", full_disk)
-    answer = run(*arguments, tmp_path / "out")
+    answer = run(*arguments, tmp_path / "out.json")
     assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1)
     assert os.strerror(errno.ENOSPC) in answer.err
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
@@ -318,7 +318,7 @@ def test_a_full_disk_leaves_nothing_behind(
 )
 def test_an_output_below_a_file(tmp_path: Path, arguments: list[str]) -> None:
     (tmp_path / "file").touch()
-    refused(*arguments, tmp_path / "file" / "out", saying="file", instead="")
+    refused(*arguments, tmp_path / "file" / "out.json", saying="file", instead="")
 
 
 @pytest.mark.parametrize("command", ["export", "refit"])
