@@ -84,10 +84,15 @@ def refit_session(
 
 def say_first(body: Mapping[str, Any]) -> None:
     """Print what has to be known before a result: warnings of the check, and what was amended."""
-    for warning in body["warnings"]:
-        say(f"Warning: {warning['place']}: {warning['words']}")
+    say_warnings(body)
     for row in body["amendments"]:
         say(amended_line(row))
+
+
+def say_warnings(body: Mapping[str, Any]) -> None:
+    """Print the warnings of an answer."""
+    for warning in body["warnings"]:
+        say(f"Warning: {warning['place']}: {warning['words']}")
 
 
 def print_comparison(bench: Session, comparison: Comparison) -> None:
