@@ -9,6 +9,7 @@ from pathlib import Path
 from daq.errors import InputError
 from daq.findings import Finding, finding
 from daq.locations import data_dir
+from daq.sessions import FINGER_DOCUMENT
 from daq.sessions.models import LoadCase, Open, Session
 from daq.sessions.protocols import protocol_names, read_protocol
 from daq.vocabulary import JOINT_ANGLES, did_you_mean
@@ -53,6 +54,8 @@ def _unknown_keys(session: Session) -> Iterator[Finding]:
         if record is None:
             continue
         for key, hint in record.unknown_keys().items():
+            if record is session and key == FINGER_DOCUMENT:
+                continue
             yield finding(
                 "warning",
                 "unknown_key",
@@ -64,6 +67,8 @@ def _unknown_keys(session: Session) -> Iterator[Finding]:
 
 
 def _finger(session: Session) -> Iterator[Finding]:
+    if FINGER_DOCUMENT in (session.model_extra or {}):
+        return  # sent with its finger, whose file stayed at the bench
     shipped = sorted(p.stem for p in (data_dir() / "fingers").glob("*.yaml"))
     near = [Path(session.finger), *([session.folder / session.finger] if session.folder else [])]
     if session.finger not in shipped and not any(p.is_file() for p in near):
