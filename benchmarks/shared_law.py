@@ -56,7 +56,8 @@ def one_group(seed: int, kind: str, permutations: int) -> dict[str, Any]:
             fitter = Fitter(session, Candidates.of(bench.model), Hyperparameters.of(session))
             fits.append(fitter.fit(NOTHING, session.problem.centre, fitter.hyper.start(0)))
     began = time.perf_counter()
-    found = shared_finding([str(k) for k in range(count)], fits, permutations)
+    names = [str(k) for k in range(count)]
+    found = shared_finding(names, names, fits, permutations)
     assert found is not None
     curve, first = found.curve, found.laws[0] if found.laws else None
     top = curve.parts[int(np.argmax(curve.log_evidence_lost))]

@@ -9,7 +9,7 @@ from typing import Any
 from daq.checks.description import session_findings
 from daq.errors import SessionError
 from daq.journal.rows import Event
-from daq.sessions import parse_session
+from daq.sessions import FINGER_DOCUMENT, parse_session
 from daq.sessions.models import FORMAT, Session
 from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.vocabulary import EVENT_KINDS
@@ -26,7 +26,7 @@ class BenchSetup:
     Attributes:
         id: of the session.
         specimen: pseudonym, species, digit, side, and what else a specimen may have.
-        finger: a parameter set, or a path.
+        finger: a parameter set, or a path; finger_document: what that file says, for whoever has the events alone.
         protocol: that is followed; protocol_name: as the user named it.
         load_cell: model, serial and calibration, which a log needs; rate_hz and mounts.
         tension_factor: friction correction c, or {estimate: force_balance}.
@@ -47,6 +47,7 @@ class BenchSetup:
     unloaded_state: str | None = None
     environment: Mapping[str, Any] | None = None
     budget: Any = None
+    finger_document: Mapping[str, Any] | None = None
 
     def cases(self) -> tuple[PlannedCase, ...]:
         """Return the protocol's cases in order."""
@@ -59,6 +60,7 @@ class BenchSetup:
             "id": self.id,
             "specimen": dict(self.specimen),
             "finger": self.finger,
+            FINGER_DOCUMENT: self.finger_document,
             "load_cell": dict(self.load_cell),
             "gravity_m_s2": self.gravity_m_s2,
             "tension_factor": self.tension_factor,

@@ -17,7 +17,7 @@ from daq.journal.reader import JournalReader
 from daq.locations import data_dir
 from daq.recordings.readings import ReadingBlock, write_readings
 from daq.recordings.windows import gather
-from daq.sessions import SESSION_FILE, parse_session, read_session, write_session
+from daq.sessions import FINGER_DOCUMENT, SESSION_FILE, parse_session, read_session, write_session
 from daq.sessions.models import Session
 from daq.sessions.protocols import Protocol, read_protocol
 from daq.signals.corrections import assemble, windows_of
@@ -54,6 +54,7 @@ def write_bench_session(
     write_readings(target / readings, _blocks(journal, name))
     document["protocol"] = _with_protocol(record.setup.protocol, record.setup.protocol_name, target)
     document["finger"] = _with_finger(record.setup.finger, target)
+    document.pop(FINGER_DOCUMENT, None)  # it lies beside, as a file
     session = _parsed(document, target)
     if isinstance(document["tension_factor"], dict):
         session = _with_factor(session, document, journal, name)

@@ -9,7 +9,7 @@ from pathlib import Path
 from daq.errors import InputError
 from daq.findings import Finding, finding
 from daq.locations import data_dir
-from daq.sessions.files import FINGER_DOCUMENT
+from daq.sessions import FINGER_DOCUMENT
 from daq.sessions.models import LoadCase, Open, Session
 from daq.sessions.protocols import protocol_names, read_protocol
 from daq.vocabulary import JOINT_ANGLES, did_you_mean

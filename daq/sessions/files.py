@@ -185,10 +185,19 @@ def whole_document(session: Session, name: str | None = None) -> dict[str, Any]:
     out = plain_document(session)
     if name is not None:
         out["id"] = name
-    for file in ((session.folder or Path()) / session.finger, Path(session.finger)):
-        if file.is_file():
-            return out | {FINGER_DOCUMENT: read_yaml(file)}
-    return out
+    finger = own_finger(session.finger, session.folder)
+    return out if finger is None else out | {FINGER_DOCUMENT: finger}
+
+
+def own_finger(name: str, folder: Path | None = None) -> Any:
+    """Return the document of a finger that is a file, in a folder or from here; None for one that has a name alone.
+
+    Args:
+        name: as a session or a setup gives it.
+        folder: of the session.
+    """
+    near = ((folder or Path()) / name, Path(name))
+    return next((read_yaml(file) for file in near if file.is_file()), None)
 
 
 def write_session(session: Session, folder: str | Path) -> Path:

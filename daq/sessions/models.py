@@ -357,6 +357,12 @@ class Session(Open):
         return self._folder
 
     @property
+    def mean_of(self) -> tuple[str, ...]:
+        """Ids of the sessions that its provenance says it is the average of; none for a recording."""
+        named = self.provenance.get("mean_of") if isinstance(self.provenance, Mapping) else None
+        return tuple(map(str, named)) if isinstance(named, list | tuple) else ()
+
+    @property
     def amended(self) -> Session:
         """The session with its amendments heeded; they are still listed, and heeding them twice changes nothing."""
         if not self.amendments:

@@ -17,6 +17,7 @@ def pooled_body(pooled: Pooled) -> dict[str, Any]:
     named = verdict.names if verdict.kind in ("found", "one_of") else ()
     return {
         "sessions": list(pooled.sessions),
+        "warnings": [f.as_warning() for f in pooled.findings],
         "verdict": verdict.kind,
         "effects": list(dict.fromkeys(effect_of[n] for n in named)),
         "candidates": list(verdict.names),

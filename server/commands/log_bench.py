@@ -14,7 +14,7 @@ from daq.errors import InputError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
 from daq.quoting import quoted
-from daq.sessions import read_yaml
+from daq.sessions import own_finger, read_yaml
 from daq.sessions.protocols import read_protocol
 from server.application.bench_prediction import predictor
 from server.bench.keys import KeyInput, terminal_keys, typed_lines
@@ -182,6 +182,7 @@ def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:
     out = options.out or Path()
     rest = {k: v for k, v in given.items() if k not in ("format", "id", "load_cell")}
     return BenchSetup(
+        finger_document=own_finger(str(given["finger"])),
         id=str(given.get("id") or out.resolve().name),
         load_cell=load_cell,
         protocol=read_protocol(options.protocol, options.setup.parent),

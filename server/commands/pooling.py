@@ -18,7 +18,8 @@ from server.application.diagnosing import diagnosis_answer, frozen_documents
 from server.application.diagnosis_report import draw_diagnosis, draw_shared
 from server.application.pooling import pooled_body, write_law
 from server.commands.console import answer, progress, say, table
-from server.commands.twin import say_first
+from server.commands.twin import say_first, say_warnings
+from server.figures.shared_law import NO_LAW
 
 # More shuffles say nothing more.
 MOST_PERMUTATIONS = 9999
@@ -52,7 +53,7 @@ def diagnose_sessions(
     predictions = [frozen_documents(bench, None) for bench in benches]
     with progress("Fitting every effect to every session") as tell:
         pooled = diagnose_pooled(
-            [(b.measured.session.id, b.model, b.observations) for b in benches],
+            benches,
             thorough=thorough,
             permutations=permutations,
             progress=tell,
@@ -71,7 +72,7 @@ def diagnose_sessions(
         return
     _print(pooled, body)
     if law is not None and body["law"] is None:
-        say("No law is written: none helps sessions that it was not learned from.")
+        say("No law is written: none helps specimens that it was not learned from.")
     elif law is not None:
         file = quoted(law)
         say(f"Law: {law}   (fingertwin add {file} SESSION, or fingertwin diagnose SESSION --effect {file})")
@@ -81,6 +82,7 @@ def diagnose_sessions(
 
 def _print(pooled: Pooled, body: dict[str, Any]) -> None:
     """Print what the sessions say together, and each by itself."""
+    say_warnings(body)
     say(pooled.verdict.sentence)
     if pooled.verdict.short:
         say(f"  Short of more: {'; '.join(pooled.verdict.short)}.")
@@ -118,7 +120,7 @@ def _print(pooled: Pooled, body: dict[str, Any]) -> None:
 def say_shared(shared: dict[str, Any] | None) -> None:
     """Print what the sessions share beyond the catalogue."""
     if shared is None:
-        say("Their fingers have other tendons or joints: a law beyond the catalogue cannot be shared.")
+        say(f"Beyond the catalogue: {NO_LAW}")
         return
     say(shared["sentence"])
     if shared["lacking"]:
@@ -133,11 +135,11 @@ def say_shared(shared: dict[str, Any] | None) -> None:
         )
     if rows:
         table(
-            "Laws that it resembles, each learned from the other sessions",
+            "Laws that it resembles, each learned from the other specimens",
             ["law", "value of all", "gain where left out", "unseen tip", "unseen bone", "alike"],
             rows,
-            "gain: ln density of the session left out; unseen: RMSE [N] of its validation forces, before → after; "
-            "alike: laws that these load cases cannot part from it",
+            "gain: ln density of the session left out with its specimen; unseen: RMSE [N] of its validation forces, "
+            "before → after; alike: laws that these load cases cannot part from it",
         )
 
     if shared["would_decide"]["readings"]:

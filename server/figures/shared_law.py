@@ -28,6 +28,8 @@ _MARGINS = (66, 20, 106, 72)  # [px]
 _COLOR, _PALE, _LAW = "#00629b", "#8a8f98", "#b84f00"
 # So that law and curve are seen at every tendon and joint of a finger.
 _MOST_WITH_LAW = 18
+# Where no shared law was looked for.
+NO_LAW = "The sessions' fingers have other tendons or joints, or all are of one specimen."
 _WHAT = {"arms": "error of a moment arm [mm]", "tension": "error of a tension [1]", "force": "error of a force [N]"}
 
 
@@ -35,7 +37,7 @@ def leading(answer: Answer) -> Answer:
     """Return the most evident curve."""
     found = rows(answer, "shared", "curves")
     if not found:
-        raise NothingToDrawError("The sessions' fingers have other tendons or joints.")
+        raise NothingToDrawError(NO_LAW)
     return found[0]
 
 
@@ -84,13 +86,13 @@ def law_figure(answer: Answer) -> go.Figure:
         answer: of a diagnosis of several sessions.
 
     Raises:
-        NothingToDrawError: nothing could be shared, or no law helps a session that it is not learned from.
+        NothingToDrawError: nothing could be shared, or no law helps a specimen that it is not learned from.
     """
     curve, laws = leading(answer), rows(answer, "shared", "laws")
     found = rows(curve, "parts")
     drawn = laws[0].get("curve") if laws else None
     if not isinstance(drawn, list) or len(drawn) != len(found):
-        raise NothingToDrawError("No law helps a session that it is not learned from.")
+        raise NothingToDrawError("No law helps a specimen that it is not learned from.")
     with_law: list[Answer] = [{**p, "own": {}, "law": law} for p, law in zip(found, drawn, strict=True)]
     if len(with_law) > _MOST_WITH_LAW:
         with_law = _evident(with_law)[:_MOST_WITH_LAW]
@@ -206,7 +208,7 @@ def chance_figure(answer: Answer) -> go.Figure:
 
 
 def laws_tables(answer: Answer) -> list[Table]:
-    """Tabulate the laws that the curve resembles, and what each adds to the session that it was not learned from."""
+    """Tabulate the laws that the curve resembles, and what each adds to the specimen that it was not learned from."""
     laws, left_out = [], []
     for law in rows(answer, "shared", "laws"):
         size = f"{shown(law, 'value', 3)} ± {shown(law, 'sd')}"
@@ -230,7 +232,7 @@ def laws_tables(answer: Answer) -> list[Table]:
         Table(
             ["law", "left out", "gain [nat]", "tip [N]", "bone [N]"],
             left_out,
-            "Each law learned from the other sessions: ln density that it adds to the one left out, and RMSE of its "
+            "Each law learned from the other specimens: ln density that it adds to the one left out, and RMSE of its "
             "validation forces, before → after.",
         ),
     ]
@@ -265,7 +267,7 @@ def _fall(errors: Answer) -> str:
 
 def _law_sections(answer: Answer, drawn: Plot | str) -> list[Section]:
     """Return what the curve resembles, with the law's figure, and what would decide."""
-    tables = laws_tables(answer) or ("None helps a session that it is not learned from.",)
+    tables = laws_tables(answer) or ("None helps a specimen that it is not learned from.",)
     return [
         Section("Which law it resembles", [*tables, drawn]),
         Section("What would decide", _deciding(part(answer, "shared"))),
@@ -288,7 +290,12 @@ def shared_sections(answer: Answer) -> list[Section]:
         return plot_or_reason(name, lambda: draw(answer), caption)
 
     shared = part(answer, "shared")
-    sentences = [str(answer.get("sentence") or ""), *(f"Short of more: {s}." for s in words(answer.get("short")))]
+    warned = [f"{w.get('place')}: {w.get('words')}" for w in rows(answer, "warnings")]
+    sentences = [
+        *warned,
+        str(answer.get("sentence") or ""),
+        *(f"Short of more: {s}." for s in words(answer.get("short"))),
+    ]
     each = part(answer, "each")
     lacking = words(shared.get("lacking"))
     return [
@@ -296,7 +303,7 @@ def shared_sections(answer: Answer) -> list[Section]:
         Section(
             "Beyond the catalogue",
             [
-                str(shared.get("sentence") or "Their fingers have other tendons or joints."),
+                str(shared.get("sentence") or NO_LAW),
                 *([f"It does not help {', '.join(lacking)}."] if lacking else []),
                 picture("shared_curve"),
                 picture("shared_chance"),

@@ -319,8 +319,7 @@ def pooled_of(folder: Path, drawn: Mapping[int, Mapping[str, Any]], outside: str
         own = folder / str(specimen)
         own.mkdir()
         draw_session(own, specimen, dict(effects) or None, outside, protocol="short", nuisance_scale=0.8)
-        bench = Session.open(own)
-        sessions.append((bench.measured.session.id, bench.model, bench.observations))
+        sessions.append(Session.open(own))
     return diagnose_pooled(sessions)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,12 @@ def base_fit(folder: Path, seed: int, laws: tuple[TorqueLaw, ...]) -> Optimum:
     return BadCases(beginner).grossly().nothing
 
 
-def found_in(tmp_path: Path, laws: dict[int, tuple[TorqueLaw, ...]]) -> SharedFinding:
+def found_in(
+    tmp_path: Path, laws: dict[int, tuple[TorqueLaw, ...]], specimens: Sequence[str] | None = None
+) -> SharedFinding:
     fits = [base_fit(tmp_path / str(seed), seed, acting) for seed, acting in laws.items()]
-    found = shared_finding([str(s) for s in laws], fits, permutations=99)
+    names = [str(s) for s in laws]
+    found = shared_finding(names, specimens or names, fits, permutations=99)
     assert found is not None
     return found
 
@@ -56,6 +60,16 @@ def test_a_shared_law_is_found_where_it_lives_and_by_its_formula(tmp_path: Path)
     truth = LAW.k_mm * np.sin(found.curve.postures[:, found.curve.rotations.index("MCP")])
     assert np.corrcoef(truth, found.curve.mean[part])[0, 1] > 0.9
     assert body["laws"][0]["effect"]["source"].startswith("learned from 61, 62, 63")
+
+
+def test_what_the_sessions_of_one_specimen_have_alone_is_chance(tmp_path: Path) -> None:
+    laws = {61: (LAW,), 62: (LAW,), 63: (LAW,), 67: ()}
+    found = found_in(tmp_path, laws, specimens=("A", "A", "A", "B"))
+    # Of four specimens, three with the law would be no chance.
+    assert found.permutation_p is not None
+    assert found.permutation_p > 0.2
+    assert not found.is_shared
+    assert found.lacking == ("67",)
 
 
 def test_what_each_has_of_its_own_is_not_shared(tmp_path: Path) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from fingermodel.api import Diagnosis, diagnose
 from fingermodel.diagnosis.verdict.changes import Amend
@@ -227,6 +228,38 @@ def test_bad_input_is_one_clear_line(
 
 def test_two_sessions_of_one_id_are_not_told_apart(tmp_path: Path) -> None:
     refused("diagnose", H01, altered(tmp_path, lambda d: None), saying=f"two sessions are called {H01}")
+
+
+def called(name: str, specimen: str | None = None) -> Callable[[dict[str, Any]], None]:
+    """Give a session another id, and another specimen where one is given."""
+
+    def edit(document: dict[str, Any]) -> None:
+        document["id"] = name
+        document["specimen"]["id"] = specimen or document["specimen"]["id"]
+
+    return edit
+
+
+def test_one_recording_under_two_names_is_not_counted_twice(tmp_path: Path) -> None:
+    copy = altered(tmp_path, called("AGAIN", "ANOTHER"))
+    file = copy / "session.yaml"
+    # One case less makes it no other recording.
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    del document["cases"][0]
+    file.write_text(yaml.safe_dump(document), encoding="utf-8")
+    refused("diagnose", H01, copy, saying=f"{H01} and AGAIN hold the same forces")
+
+
+def test_an_average_is_no_specimen_beside_its_members() -> None:
+    refused("diagnose", H01, "synek2019_B01", "synek2019_HMEAN", saying=f"synek2019_HMEAN is the average of {H01}")
+
+
+def test_sessions_of_one_specimen_are_told_apart_from_specimens_above_the_verdict(tmp_path: Path) -> None:
+    again = altered(tmp_path, called("AGAIN", "H01"), "synek2019_H03")
+    out = run("diagnose", H01, again, "--permutations", "0").out
+    warned = f"Warning: {H01}, AGAIN: sessions of one specimen, H01"
+    assert out.index(warned) < out.index("Undecided")
+    assert "No law that specimens share is looked for" in out
 
 
 def test_a_finding_is_confirmed_by_what_it_said_of_a_case_not_yet_measured(

@@ -15,10 +15,13 @@ import numpy as np
 import pytest
 
 from daq.acquisition.blocks import Chunk
+from daq.drivers import driver
 from daq.journal.reader import JournalReader
 from daq.journal.writer import Journal
 from daq.recordings.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
+from server.commands.log_bench import bench_setup
+from server.commands.log_parts import LogOptions
 from tests.contracts.ingest import SmallReceiver, serving
 from tests.daq.cal_files import nano17
 from tests.daq.journal_writer import made_chunk
@@ -294,6 +297,21 @@ def test_a_bench_session_that_could_not_be_used_later_is_refused_now(
     assert (code, err.count("\n")) == (2, 1)
     assert said in err
     assert not Path("out").exists()
+
+
+def test_a_setup_takes_its_finger_file_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = {
+        "format": "bench-setup/1",
+        "specimen": {"id": "S1", "species": "human", "digit": "third", "side": "left"},
+        "finger": "mine.yaml",
+        "tension_factor": 0.835,
+    }
+    Path("setup.yaml").write_text(json.dumps(given))
+    Path("mine.yaml").write_text("format: finger/1\nid: mine\n")
+    options = LogOptions("replay", None, None, (), Path("out"), None, protocol="levels", setup=Path("setup.yaml"))
+    setup = bench_setup(options, driver("robotiq-ft300")({}))
+    assert setup.as_value()["finger_document"] == {"format": "finger/1", "id": "mine"}
 
 
 def test_a_replay_arrives_at_a_service_once_and_in_order(

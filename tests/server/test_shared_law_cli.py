@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from fingermodel.effects.user import load_effect
-from server.figures.shared_law import law_figure
+from server.figures.shared_law import law_figure, shared_sections
 from tests.server.command_line import run
 
 SPECIMENS = ("synek2019_B01", "synek2019_H01", "synek2019_H02", "synek2019_H03")
@@ -108,6 +108,12 @@ def test_the_report_shows_curve_chance_and_laws(told: tuple[Path, dict[str, Any]
     ):
         assert words in text
     assert {p.stem for p in page.parent.glob("*.png")} == {"shared_curve", "shared_chance", "shared_law"}
+
+
+def test_its_warnings_stand_above_the_verdict() -> None:
+    warning = {"code": "one_specimen", "place": "A1, A2", "words": "sessions of one specimen, A"}
+    first = shared_sections({"sentence": "Undecided.", "warnings": [warning]})[0]
+    assert first.parts[:2] == ["A1, A2: sessions of one specimen, A", "Undecided."]
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from daq.errors import InputError
-from fingermodel.comparison.observations import Observations
+from daq.findings import Finding
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
@@ -25,6 +24,7 @@ from fingermodel.diagnosis.posterior.marginals import Posterior, weighed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, LIVE, P_NOTHING, PERMUTATIONS, SURE
+from fingermodel.diagnosis.several_sessions.independence import of_one_specimen, require_apart
 from fingermodel.diagnosis.several_sessions.several_verdict import (
     InSession,
     PooledVerdict,
@@ -33,7 +33,7 @@ from fingermodel.diagnosis.several_sessions.several_verdict import (
 )
 from fingermodel.diagnosis.several_sessions.shared_deciding import deciding
 from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
-from fingermodel.model import Model
+from fingermodel.session import Session
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +53,9 @@ class Pooled:
         p_nothing: of that, that nothing is missing in any.
         p_other: of that, that it is something outside the catalogue in each.
         verdict: on what is shared.
-        shared: a law that nobody listed, that the sessions share; None where their fingers have other tendons.
+        shared: a law that nobody listed, that the specimens share; None where their fingers have other tendons, or all
+            sessions are of one specimen.
+        findings: of specimens of which there are several sessions.
         seconds: of the computation.
     """
 
@@ -65,11 +67,12 @@ class Pooled:
     p_other: float
     verdict: PooledVerdict
     shared: SharedFinding | None
+    findings: Sequence[Finding]
     seconds: float
 
 
 def diagnose_pooled(
-    sessions: Sequence[tuple[str, Model, Observations]],
+    sessions: Sequence[Session],
     *,
     thorough: bool = False,
     permutations: int = PERMUTATIONS,
@@ -78,24 +81,22 @@ def diagnose_pooled(
     """Diagnose sessions by themselves, and weigh what all may share.
 
     Args:
-        sessions: id, model with the candidates at their null, and observations of each.
+        sessions: whose models hold the candidates at their null.
         thorough: more fits in each.
         permutations: shuffles by which a shared law is held against chance.
         progress: is told the share done.
 
     Raises:
-        InputError: two of the sessions have one id.
+        InputError: two of the sessions hold the same readings, or have one id.
     """
-    names = tuple(s[0] for s in sessions)
-    if again := next((name for name in names if names.count(name) > 1), None):
-        raise InputError(
-            f"two sessions are called {again}", "an id of its own in each", "Change it in one session.yaml"
-        )
+    measured = [s.measured for s in sessions]
+    require_apart(measured)
+    names = tuple(s.id for s in sessions)
     began = time.perf_counter()
     tell = progress or (lambda _: None)
     diagnoses = []
-    for k, (_, model, observations) in enumerate(sessions):
-        diagnoses.append(diagnose(model, observations, thorough=thorough))
+    for k, session in enumerate(sessions):
+        diagnoses.append(diagnose(session.model, session.observations, thorough=thorough))
         tell(0.5 * (k + 1) / len(sessions))
     specimens = [_Specimen(d) for d in diagnoses]
     pooling = _Pooling(specimens)
@@ -107,13 +108,15 @@ def diagnose_pooled(
     verdict = judge_together(names, diagnoses, ranking, (p_apart, p_nothing, p_other), rests_on)
     # What all share by name is known to act in each, too: a law that nobody listed is looked for beside it.
     known = [s.known(verdict.effect.explanation if verdict.effect else None) for s in specimens]
-    shared = shared_finding(names, known, permutations, lambda done: tell(0.7 + 0.3 * done))
+    of = [m.session.specimen.id for m in measured]
+    shared = shared_finding(names, of, known, permutations, lambda done: tell(0.7 + 0.3 * done))
     if shared is not None and shared.laws:
         k = int(np.argmax(shared.curve.left_out_gain))
         told, between = deciding(diagnoses[k], known[k], shared.laws)
         shared = replace(shared, deciding=told, decided_between=between, decided_on=names[k])
     seconds = time.perf_counter() - began
-    return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, shared, seconds)
+    findings = of_one_specimen([m.session for m in measured])
+    return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, shared, findings, seconds)
 
 
 class _Specimen:

@@ -26,6 +26,7 @@ class SharedFinding:
 
     Attributes:
         sessions: ids.
+        specimens: of each session.
         curves: of each stage, the most evident first.
         observed: what sharing gains at most over not sharing, in ln evidence.
         shuffled: (shuffles,) the same with tendons and signs of the sessions shuffled.
@@ -33,10 +34,11 @@ class SharedFinding:
         law_curves: (laws, parts, postures) each as the leading curve would show it.
         deciding: readings that would part them, best first, on a specimen like `decided_on`.
         decided_between: formulas of those laws.
-        decided_on: session that it helps most when left out.
+        decided_on: session that it helps most, learned from the other specimens.
     """
 
     sessions: tuple[str, ...]
+    specimens: tuple[str, ...]
     curves: tuple[SharedCurve, ...]
     observed: float
     shuffled: Floats
@@ -60,13 +62,18 @@ class SharedFinding:
     def is_shared(self) -> bool:
         """Whether they share something: sure rather than an error of each one's own, no chance, of use to most."""
         p = self.permutation_p
-        helped = int(np.sum(self.curve.left_out_gain > 0.0))
         sure = float(expit(self.curve.log_evidence)) >= SURE
-        return sure and 2 * helped > len(self.sessions) and (p is None or p <= SHARED_P)
+        return sure and 2 * len(self._helped) > len(set(self.specimens)) and (p is None or p <= SHARED_P)
+
+    @property
+    def _helped(self) -> list[str]:
+        """Specimens that the curve, learned from the others, helps, all sessions of each together."""
+        of, gain = np.array(self.specimens), self.curve.left_out_gain
+        return [one for one in dict.fromkeys(self.specimens) if gain[of == one].sum() > 0.0]
 
     @property
     def lacking(self) -> tuple[str, ...]:
-        """Sessions that the curve, learned from the others, does not help."""
+        """Sessions that the curve, learned from the other specimens, does not help."""
         return tuple(s for s, g in zip(self.sessions, self.curve.left_out_gain, strict=True) if g <= 0.0)
 
     @property
@@ -79,11 +86,10 @@ class SharedFinding:
                 "Beyond the catalogue they share nothing that stands out (ln evidence "
                 f"{curve.log_evidence:+.1f} over an error of each one's own{chance})."
             )
-        helped = len(self.sessions) - len(self.lacking)
         return (
             f"Beyond the catalogue they share an error of {WHAT[curve.stage]}, most in {curve.where}: ln evidence "
-            f"{curve.log_evidence:+.1f} over an error of each one's own{chance}. Learned from the others, it "
-            f"helps {helped} of {len(self.sessions)}."
+            f"{curve.log_evidence:+.1f} over an error of each one's own{chance}. Learned from the other "
+            f"specimens, it helps {len(self._helped)} of {len(set(self.specimens))}."
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -159,6 +165,7 @@ class SharedFinding:
 
 def shared_finding(
     sessions: Sequence[str],
+    specimens: Sequence[str],
     fits: Sequence[Optimum],
     permutations: int,
     tell: Callable[[float], None] | None = None,
@@ -167,27 +174,29 @@ def shared_finding(
 
     Args:
         sessions: ids.
+        specimens: of each session; those of one are left out, and shuffled, together.
         fits: of each, with what is known to act there by itself.
         permutations: shuffles; 0 for none.
         tell: is told the share done.
 
     Returns:
-        None where the sessions' fingers have other tendons or joints.
+        None where the sessions' fingers have other tendons or joints, or all are of one specimen.
     """
     first = fits[0].session.model.finger.topology
     others = [f.session.model.finger.topology for f in fits[1:]]
-    if any((o.muscles, o.rotations) != (first.muscles, first.rotations) for o in others):
+    alike = all((o.muscles, o.rotations) == (first.muscles, first.rotations) for o in others)
+    if not alike or len(set(specimens)) == 1:
         return None
     told = tell or (lambda _: None)
     curves = Curves(fits)
-    searches = [StageSearch(fits, curves, stage) for stage in STAGES]
+    searches = [StageSearch(fits, specimens, curves, stage) for stage in STAGES]
     pairs = sorted([(s.run(), s) for s in searches], key=lambda pair: -pair[0].log_evidence)
     found, (leading, search) = [curve for curve, _ in pairs], pairs[0]
     told(0.2)
     observed, shuffled = permuted(searches, permutations, lambda done: told(0.2 + 0.6 * done))
     # A curve that each session has of its own resembles laws by chance.
     likely = leading.log_evidence >= 0.0
-    laws = shared_laws(fits, leading.nodes) if likely else ()
+    laws = shared_laws(fits, specimens, leading.nodes) if likely else ()
     as_curves = np.array([search.shown_by(leading, law.changes) for law in laws]).reshape(-1, *leading.mean.shape)
     told(1.0)
-    return SharedFinding(tuple(sessions), tuple(found), observed, shuffled, laws, as_curves)
+    return SharedFinding(tuple(sessions), tuple(specimens), tuple(found), observed, shuffled, laws, as_curves)

@@ -40,7 +40,7 @@ class SharedCurve(SmoothCurve):
     """A curve that sessions share; its log evidence is over each session's having its own.
 
     Attributes:
-        left_out_gain: (sessions,) log density that it adds to each session, learned from the others.
+        left_out_gain: (sessions,) log density that it adds to each session, learned from the other specimens.
         own: (sessions, parts, postures) by each session alone.
         nodes: of the sessions.
     """
@@ -56,12 +56,14 @@ class StageSearch:
 
     Attributes:
         fits: of each session.
+        specimens: of each session.
         curves: of the sessions.
         stage: of the curve.
         paths: nodes of the sessions to which each size that was tried leads.
     """
 
     fits: Sequence[Optimum]
+    specimens: Sequence[str]
     curves: Curves
     stage: Stage
     paths: dict[float, tuple[Node, ...]] = field(default_factory=dict)
@@ -116,8 +118,8 @@ class StageSearch:
 
     def _described(self, size: float, over_own: float) -> SharedCurve:
         said = self.all_said(self.paths[size])
-        whole = gain(said, size)
-        left_out = np.array([whole - gain([*said[:k], *said[k + 1 :]], size) for k in range(len(said))])
+        others = [[s for s, of in zip(said, self.specimens, strict=True) if of != own] for own in self.specimens]
+        left_out = np.array([gain([*o, s], size) - gain(o, size) for o, s in zip(others, said, strict=True)])
         own = np.array([values_of(self.curves, [one], size)[0] for one in said])
         found = described(self.curves, self.columns[0], said, size, over_own)
         return SharedCurve(**vars(found), left_out_gain=left_out, own=own, nodes=self.paths[size])
@@ -200,6 +202,8 @@ def permuted(
         count: of shuffles.
         tell: is told the share done.
 
+    Sessions of one specimen are shuffled alike: what is its own is no chance.
+
     Returns:
         The gain as the sessions are, and (count,) after shuffles; always the same ones.
     """
@@ -208,13 +212,14 @@ def permuted(
     def best(shuffled: Sequence[tuple[Ints, Floats]]) -> float:
         return max(search.best_value(shuffled) for search in searches)
 
-    muscles, sessions = searches[0].tendons, len(searches[0].fits)
+    muscles, specimens = searches[0].tendons, searches[0].specimens
     plain = (np.arange(muscles), np.ones(muscles))
-    observed = best([plain] * sessions)
+    observed = best([plain] * len(specimens))
     out = np.empty(count)
+    others = [one for one in dict.fromkeys(specimens) if one != specimens[0]]
     for k in range(count):
-        others = [(rng.permutation(muscles), rng.choice([-1.0, 1.0], muscles)) for _ in range(sessions - 1)]
-        out[k] = best([plain, *others])
+        of = {one: (rng.permutation(muscles), rng.choice([-1.0, 1.0], muscles)) for one in others}
+        out[k] = best([of.get(one, plain) for one in specimens])
         if tell is not None:
             tell((k + 1) / count)
     return observed, out

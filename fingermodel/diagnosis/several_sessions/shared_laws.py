@@ -1,7 +1,7 @@
-"""Which small law a shared curve resembles: effects and formulas, each scored on a session that it is not learned from.
+"""Which small law a shared curve resembles: effects and formulas, each scored on specimens left out.
 
-Every law has one value in all sessions. What it adds to a session's log density, its value learned from the others, is
-its left-out gain; laws that these load cases cannot part are rivals of each other.
+Every law has one value in all sessions. What it adds to a session's log density, its value learned from the other
+specimens, is its left-out gain; laws that these load cases cannot part are rivals of each other.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class SharedLaw:
         each: (sessions,) value by each session alone, and
         each_sd: (sessions,) its sd, the prior's where it says nothing.
         log_evidence: that it acts in all of them, over that it acts in none.
-        left_out_gain: (sessions,) log density that it adds to each, its value learned from the others.
+        left_out_gain: (sessions,) log density that it adds to each, its value learned from the other specimens.
         unseen: by session: RMSE [N] of the validation forces' components by mount, before and with the value of the
             others.
         rivals: other laws that these load cases cannot part from it.
@@ -80,19 +80,23 @@ class _Offer:
     formula: tuple[str, str | None, str, str] | None
 
 
-def shared_laws(fits: Sequence[Optimum], nodes: Sequence[Node]) -> tuple[SharedLaw, ...]:
+def shared_laws(fits: Sequence[Optimum], specimens: Sequence[str], nodes: Sequence[Node]) -> tuple[SharedLaw, ...]:
     """Score the library of laws over sessions, the best first.
 
     Args:
         fits: of each session, without the laws.
+        specimens: of each session.
         nodes: of their hyperparameters.
     """
     offers = [*_effects(fits), *_formulas(fits)]
     columns = [_columns(fit, [o.changes[k] for o in offers]) for k, fit in enumerate(fits)]
     asked = [fit.asked(c, node) for fit, c, node in zip(fits, columns, nodes, strict=True)]
     a, s = np.array([x[0] for x in asked]), np.array([x[1] for x in asked])
-    whole = gain_of_each(a.sum(axis=0), s.sum(axis=0))
-    left_out = whole - gain_of_each(a.sum(axis=0) - a, s.sum(axis=0) - s)
+    # What the sessions of other specimens say.
+    of = np.array(specimens)
+    apart = (of[:, None] != of).astype(float)
+    others_a, others_s = apart @ a, apart @ s
+    left_out = gain_of_each(others_a + a, others_s + s) - gain_of_each(others_a, others_s)
     ranked = np.argsort(-left_out.sum(axis=0))[:_CLOSELY]
     alike = _alike(fits, [c[:, ranked] for c in columns], nodes)
     out: list[SharedLaw] = []
@@ -103,7 +107,8 @@ def shared_laws(fits: Sequence[Optimum], nodes: Sequence[Node]) -> tuple[SharedL
         group = np.flatnonzero(np.abs(alike[k]) >= ALIKE).tolist()
         taken |= set(group)
         rivals = tuple(offers[ranked[i]].name for i in group if i != k)
-        out.append(_law(fits, nodes, offers[index], (a[:, index], s[:, index]), left_out[:, index], rivals))
+        said, learned = (a[:, index], s[:, index]), others_s[:, index] / (1.0 + others_a[:, index])
+        out.append(_law(fits, nodes, offers[index], said, learned, left_out[:, index], rivals))
     return tuple(out)
 
 
@@ -156,13 +161,12 @@ def _law(
     nodes: Sequence[Node],
     offer: _Offer,
     said: tuple[Floats, Floats],
+    learned: Floats,
     left_out: Floats,
     rivals: tuple[str, ...],
 ) -> SharedLaw:
     a, s = said
     value, sd = offer.scale * s.sum() / (1.0 + a.sum()), offer.scale / np.sqrt(1.0 + a.sum())
-    others_a, others_s = a.sum() - a, s.sum() - s
-    learned = others_s / (1.0 + others_a)
     unseen = tuple(
         unseen_errors(fit, node, learned[k] * offer.changes[k])
         for k, (fit, node) in enumerate(zip(fits, nodes, strict=True))

@@ -3,6 +3,7 @@ import { at, get, post } from "../api.js";
 import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
 import { masses, number, percent, when, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
+import { before } from "./answer.js";
 import { awaited } from "./work.js";
 
 const FEWEST = 2;
@@ -13,13 +14,13 @@ export async function view(main, { asked }) {
   const away = new AbortController();
   const list = el("div");
   const place = el("div", { "aria-live": "polite" });
-  const before = el("div");
+  const earlierOnes = el("div");
   const answer = el("div");
   const chosen = new Set();
   const start = el("button", { class: "main", disabled: true, onclick: () => diagnose() }, "Diagnose together");
   fill(main, el("h1", {}, "Several sessions together"),
     quiet("Sessions of specimens that were loaded in the same way: which effect all have, and what they miss alike that no effect describes."),
-    panel("Sessions", list, el("div", { class: "row" }, start), before, place), answer);
+    panel("Sessions", list, el("div", { class: "row" }, start), earlierOnes, place), answer);
 
   try {
     const rows = (await get("/sessions", { limit: 500 }, away.signal)).sessions;
@@ -37,7 +38,7 @@ export async function view(main, { asked }) {
   async function earlier() {
     const { jobs } = await get("/jobs", { limit: JOBS }, away.signal);
     const pooled = jobs.filter((j) => j.kind === "pooled" && ["queued", "running", "done"].includes(j.state));
-    fill(before, pooled.length ? el("details", {}, el("summary", {}, `Diagnosed before (${pooled.length})`), el("ul", {}, pooled.map((j) =>
+    fill(earlierOnes, pooled.length ? el("details", {}, el("summary", {}, `Diagnosed before (${pooled.length})`), el("ul", {}, pooled.map((j) =>
       el("li", {}, el("a", { href: address(j.id) }, j.request.sessions.join(", ")), ` ${when(j.created_utc)}${j.state === "done" ? "" : ` (${j.state})`}`)))) : null);
   }
 
@@ -75,6 +76,7 @@ function told(body) {
   const shared = body.shared;
   const of = (name) => `#/sessions/${encodeURIComponent(name)}/find`;
   return [
+    before(body),
     panel("Which effect all have", el("p", { class: "verdict" }, body.sentence), body.short.map((s) => quiet(`Short of more: ${s}.`)),
       body.ranking.length ? table([
         { title: "effect", cell: (r) => r.candidates.join(" + ") }, { title: "probability", n: true, cell: (r) => percent(r.probability) },
@@ -104,7 +106,7 @@ function laws(sessions, found) {
     { title: "law", wrap: true, cell: (r) => r.law.formula }, { title: "left out", cell: (r) => r.name },
     { title: "gain [nat]", n: true, cell: (r) => number(r.law.left_out_gain[r.name], 1) },
     { title: "tip [N]", n: true, cell: (r) => fall(r.errors.tip) }, { title: "bone [N]", n: true, cell: (r) => fall(r.errors.bone) },
-  ], left, { caption: "Each law learned from the other sessions: ln density that it adds to the one left out, and RMSE of its validation forces, before → after" })];
+  ], left, { caption: "Each law learned from the other specimens: ln density that it adds to the one left out, and RMSE of its validation forces, before → after" })];
 }
 
 function deciding(found) {

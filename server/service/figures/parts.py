@@ -54,12 +54,10 @@ def cases_led_to(measured: Measured) -> list[Told]:
 def spread_members(parts: Services, measured: Measured) -> list[Measured]:
     """Return the sessions that a session is the mean of, as far as the service has them."""
     session = measured.session
-    provenance = None if session is None else session.provenance
-    named = provenance.get("mean_of") if isinstance(provenance, Mapping) else None
     out = []
-    for name in named[:_MOST_MEMBERS] if isinstance(named, Sequence) and not isinstance(named, str) else []:
+    for name in () if session is None else session.mean_of[:_MOST_MEMBERS]:
         try:
-            member = parts.measuring.of(str(name))
+            member = parts.measuring.of(name)
         except ProblemError:
             continue
         if member.record.closed and member.measured is not None:

@@ -85,7 +85,7 @@ def pooled(payload: PooledInput, tell: Tell) -> Answer:
     tell(0.0, "loading")
     benches = [given.open(catalogue=True) for given in payload.benches]
     found = diagnose_pooled(
-        [(b.measured.session.id, b.model, b.observations) for b in benches],
+        benches,
         thorough=payload.thorough,
         progress=lambda done: tell(0.05 + 0.9 * done, "fitting every effect to every session"),
     )

@@ -86,18 +86,18 @@ class SessionModels:
         except ProblemError as error:
             if error.status != 404:
                 raise
-            brought = None if measured is None else _brought(measured)
-            if brought is not None and brought.id == name:
-                return brought
             raise ProblemError(
                 422, f"there is no model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers"
             ) from None
 
     def _resolved(self, name: str | None, measured: Measured | None) -> str | None:
-        """Return the name of a model, with that of the revision in force in the place of IN_FORCE."""
-        if name == IN_FORCE and measured is not None and measured.session is not None:
+        """Return the name of a model, IN_FORCE resolved; None for the finger that a session brings with it."""
+        if name is None or measured is None:
+            return name
+        if name == IN_FORCE and measured.session is not None:
             return self._revisions.in_force(measured.session.specimen.id)
-        return name
+        own = self._brought(measured)
+        return None if own is not None and own.id == name else name
 
     def found(self, name: str | None, measured: Measured) -> dict[str, float]:
         """Return the values that a search gives with an explanation, by parameter; none for any other model."""
@@ -109,14 +109,8 @@ class SessionModels:
     def _search_fit(self, name: str, measured: Measured) -> Revision:
         def made() -> Revision:
             answer, found = asked(self._database, name, measured.record.id)
-            searched = str(answer.get("model"))
-            if searched not in self._fingers:
-                try:
-                    self._revisions.loaded(searched)
-                except ProblemError:
-                    searched = ""  # the finger that the session brings
             names = {c.split(".")[0] for c in found["candidates"]}
-            bench = self.bench(measured, searched or None, [e for e in self._effects.all() if e.name in names])
+            bench = self.bench(measured, str(answer.get("model")), [e for e in self._effects.all() if e.name in names])
             return fit_revision(bench, name, answer, found)
 
         return self._fits.of((measured.key, name), made)
@@ -215,20 +209,18 @@ class SessionModels:
 
     def _own_finger(self, measured: Measured) -> Finger | None:
         """Return the finger that a session brings with it; None where it names one that the service has."""
-        if (brought := _brought(measured)) is not None:
-            return brought
+        brought = self._brought(measured)
         name = (measured.record.document or {}).get("finger")
-        if name not in self._fingers:
+        if brought is None and name not in self._fingers:
             raise ProblemError(
                 422,
                 f"session {measured.record.id} names finger {shortened(name)!r}, which is a file of the bench",
                 f"one of {', '.join(sorted(self._fingers))}, or its document as {FINGER_DOCUMENT}",
                 "Ask with ?model=",
             )
-        return None
+        return brought
 
-
-def _brought(measured: Measured) -> Finger | None:
-    """Return the finger that a session's document brings along; None where it only names one."""
-    finger = (measured.record.document or {}).get(FINGER_DOCUMENT)
-    return None if finger is None else finger_from_dict(finger, f"the finger of {measured.record.id}")
+    def _brought(self, measured: Measured) -> Finger | None:
+        """Return the finger that came with a session as a document; None where none did."""
+        finger = (measured.record.document or {}).get(FINGER_DOCUMENT)
+        return None if finger is None else finger_from_dict(finger, f"the finger of {measured.record.id}")

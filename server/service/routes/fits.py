@@ -7,6 +7,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 
+from fingermodel.diagnosis.several_sessions.independence import require_apart
 from server.service.answers import JsonAnswer
 from server.service.schemas.common import Form, Limit, RevisionId, SessionId, Shown, documented
 from server.service.schemas.fits import (
@@ -145,11 +146,13 @@ def _submitted(request: Request, kind: str, session: str | None, body: Form, use
     asked_of = given.get("sessions", [session])
     if len(set(asked_of)) < len(asked_of):
         raise ProblemError(422, "a session twice", "each session once")
+    recorded = []
     for name in asked_of:
         measured = parts.measuring.of(name)
-        measured.require()
+        recorded.append(measured.require())
         require_closed(measured)
         parts.models.model(given["model"], measured)
+    require_apart(recorded)
     asked = given if session is None else given | {"session": session}
     job = parts.jobs.submit(kind, session, asked, timeout_s)
     return JsonAnswer(job.as_dict(), 202, {"Location": f"/api/v1/jobs/{job.id}"})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,9 @@ from daq.checks import check
 from daq.errors import JournalError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.writer import Journal
+from daq.locations import data_dir
 from daq.recordings.readings import open_readings
-from daq.sessions import read_session
+from daq.sessions import own_finger, read_session
 from daq.sessions.protocols import Protocol, read_protocol
 from daq.signals.corrections import measure
 from server.commands.bench import check_session
@@ -150,6 +152,16 @@ def test_a_protocol_of_the_users_own_goes_along_and_a_shipped_one_is_named(tmp_p
     script = ["next", *tared(), *case("tip", FDP=950), "close"]
     named = written(journalled(tmp_path / "c", small).play(script), tmp_path / "named")
     assert read_session(named).protocol == "protocol.yaml"
+
+
+def test_a_finger_of_the_users_own_lies_beside_the_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copyfile(data_dir() / "fingers" / "an1979_middle.yaml", "mine.yaml")
+    own = setup(finger="mine.yaml", finger_document=own_finger("mine.yaml"))
+    script: list[Line] = ["next", *tared(), *case("tip", FDP=950), "close"]
+    folder = written(journalled(tmp_path, own).play(script), tmp_path / "S1")
+    assert own_finger("mine.yaml", folder) == own.finger_document
+    assert "finger_document" not in (folder / "session.yaml").read_text(encoding="utf-8")
 
 
 def test_a_tension_factor_that_cannot_be_estimated_is_stated_and_said(tmp_path: Path) -> None:

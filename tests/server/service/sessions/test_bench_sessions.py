@@ -8,10 +8,25 @@ from typing import Any
 
 import pytest
 
+from daq.bench.record import BenchSetup
 from daq.journal.reader import JournalReader
 from daq.uplink.thread import Uplink
+from fingermodel.fingers.files import read_finger
 from server.service.answers import dumps
-from tests.daq.bench_plays import LONG_BLOCK_S, Bench, case, gone_on, hung, journalled, load, tared, truth, wait, whole
+from tests.daq.bench_plays import (
+    LONG_BLOCK_S,
+    Bench,
+    case,
+    gone_on,
+    hung,
+    journalled,
+    load,
+    setup,
+    tared,
+    truth,
+    wait,
+    whole,
+)
 from tests.server.service.recorded import listed_as_answered
 from tests.server.service.running import ServiceReceiver
 
@@ -21,12 +36,12 @@ AT = "/api/v1/sessions"
 class Played:
     """A bench whose journal goes to a service."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, run_setup: BenchSetup | None = None) -> None:
         self.service = ServiceReceiver(folder / "service")
         self.client = self.service.client()
         self.folder = folder / "bench"
         self.folder.mkdir()
-        self.bench: Bench = journalled(self.folder)
+        self.bench: Bench = journalled(self.folder, run_setup)
         self.send()
 
     def send(self) -> None:
@@ -75,6 +90,21 @@ def test_a_bench_is_at_the_service_what_it_is_in_its_folder(played: Played) -> N
     compared = played.get("/comparison")
     assert [c["id"] for c in compared["cases"]] == list(cases)
     assert compared["blinded"] == []
+
+
+def test_a_bench_brings_its_own_finger(tmp_path: Path) -> None:
+    finger = read_finger("synek2019_optimised").document | {"id": "mine"}
+    played = Played(tmp_path, setup(finger="mine.yaml", finger_document=finger))
+    try:
+        # Before the first reading the page draws it.
+        assert played.client.get(f"{AT}/S1/bench/finger", params={"case": "c001"}).status_code == 200
+        played.bench.play(whole(), block_s=LONG_BLOCK_S)
+        played.send()
+        assert played.get("/comparison")["model"] == "mine"
+    finally:
+        if played.bench.journal is not None:
+            played.bench.journal.close()
+        played.service.close()
 
 
 def test_each_case_has_its_force_in_the_next_moment(played: Played) -> None:

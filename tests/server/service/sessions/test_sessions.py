@@ -11,6 +11,7 @@ import pytest
 
 from daq.uplink.wire import EPOCH, SHA256, events_path
 from fingermodel.comparing import compare
+from fingermodel.fingers.files import read_finger
 from fingermodel.session import Session
 from server.service.storage.purge import purge
 from tests.server.service.recorded import (
@@ -50,6 +51,31 @@ def test_a_comparison_is_that_of_the_command_line_to_the_last_bit(service: Servi
     assert answer["blinded"] == []
     assert answer["waiting"] == answer["failed"] == {}
     assert answer["provenance"]["model"] == "an1979_middle" if name == RECORDED else "synek2019_initial"
+
+
+@pytest.fixture
+def with_its_finger(fresh: ServiceReceiver) -> ServiceReceiver:
+    """A service with a session whose finger came along, as `Client.upload` sends it."""
+    finger = read_finger("synek2019_optimised").document | {"id": "mine"}
+    document = document_of(PUBLISHED) | {"id": "own", "finger": "mine.yaml", "finger_document": finger}
+    fresh.client().post(AT, json={"id": "own", "document": document}).raise_for_status()
+    return fresh
+
+
+def test_a_finger_that_came_along_is_no_unknown_one(with_its_finger: ServiceReceiver) -> None:
+    answer = with_its_finger.client().get(f"{AT}/own/comparison").json()
+    assert answer["model"] == "mine"
+    assert not {"unknown_key", "unknown_finger"} & {w["code"] for w in answer["warnings"]}
+
+
+def test_a_finger_that_came_along_is_asked_for_by_the_name_that_answers_give_it(
+    with_its_finger: ServiceReceiver,
+) -> None:
+    client = with_its_finger.client()
+    own = client.get(f"{AT}/own/comparison").json()
+    assert client.get(f"{AT}/own/comparison", params={"model": own["model"]}).json() == own
+    # As a search's report asks for the model that was searched.
+    assert client.get(f"{AT}/own/report", params={"model": own["model"]}).status_code == 200
 
 
 def test_friction_carries_what_the_check_warns_of(fresh: ServiceReceiver) -> None:

@@ -235,6 +235,15 @@ def test_work_on_a_session_twice_is_refused(service: ServiceReceiver, what: str)
     refused(answer, 422, "a session twice; expected each session once")
 
 
+@pytest.mark.parametrize("what", ["diagnoses", "populations"])
+def test_work_on_one_recording_under_two_names_is_refused_at_once(service: ServiceReceiver, what: str) -> None:
+    client = service.client()
+    again = DOCUMENT | {"id": "AGAIN"}
+    client.post("/api/v1/sessions", json={"id": "AGAIN", "document": again}).raise_for_status()
+    answer = client.post(f"/api/v1/{what}", json={"sessions": ["H01", "AGAIN"]})
+    refused(answer, 422, "H01 and AGAIN hold the same forces; expected each recording once")
+
+
 @pytest.mark.parametrize(
     ("path", "status"),
     [
