@@ -333,3 +333,16 @@ def test_one_error_far_beyond_what_the_rig_states_is_no_small_error(nothing: Opt
     theta[at] += times * problem.scale[at]
     assert far_off(nothing.but(theta=theta)).startswith(said)
     assert bool(far_off(nothing.but(theta=theta))) is bool(said)
+
+
+def test_errors_that_no_fitted_case_shows_are_not_told(nothing: Optimum) -> None:
+    """The published sessions read the bone in validation cases alone, so what is told of it would be the prior's."""
+    bench = Session.open("synek2019_HMEAN")
+    session = session_of(bench.model, bench.observations)
+    fitter = Fitter(session, Candidates.of(bench.model, sagittal=True), Hyperparameters.of(session))
+    fit = fitter.fit(NOTHING, session.problem.centre, fitter.hyper.start(0))
+    of_bone = {"line_rad", "apart_rad"}
+    assert of_bone <= Posterior.of({NOTHING: nothing}).other_scatter.keys(), "DEV-02 has fitted cases at the bone"
+    told = Posterior.of({NOTHING: fit}).other_scatter.keys()
+    assert told >= {"component", "angle_rad", "weight", "turn_rad"}
+    assert not told & of_bone
