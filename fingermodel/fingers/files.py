@@ -32,12 +32,15 @@ from fingermodel.fingers import (
     Topology,
 )
 from fingermodel.fingers.document import FingerFile
+from fingermodel.fingers.naming import require_known, require_once
 from fingermodel.fingers.sourced import Certainty
 from fingermodel.hood.files import ElasticHoodBlock, elastic_hood, with_network
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.isometric.block_checks import check_blocks
 
 WANTED = "a finger/1 file"
+# Points that are nearer to each other are the same one.
+_LEAST_MM = 1e-6
 
 
 def finger_names() -> list[str]:
@@ -65,7 +68,9 @@ def finger_from_dict(raw: Any, where: str) -> Finger:
     raw = with_network(raw, None)
     document = validated(FingerFile, raw, where, WANTED, ModelError, "See data/README.md")
     _check_names(document, where)
-    return _build(document)
+    finger = _build(document)
+    _check_lengths(finger, where)
+    return finger
 
 
 def _find(text: str, folder: Path | None) -> Path:
@@ -84,28 +89,62 @@ def _find(text: str, folder: Path | None) -> Path:
     )
 
 
+def _need(ok: bool, where: str, found: str, expected: str) -> None:
+    if not ok:
+        raise ModelError(f"{where}: {found}", expected)
+
+
+def _check_chain(document: FingerFile, where: str) -> None:
+    """Check that the joints join each bone to the next, in this order, each about directions."""
+    bones, joints = document.bones, document.joints
+    require_once(where, "bone", bones)
+    require_once(where, "joint", [j.name for j in joints])
+    require_once(where, "rotation", [r.name for j in joints for r in j.rotations])
+    found = f"{len(joints)} joints for {len(bones)} bones"
+    _need(len(joints) == len(bones) - 1, where, found, "one between each bone and the next, from proximal to distal")
+    for joint, parent, child in zip(joints, bones, bones[1:], strict=False):
+        found = f"joint {joint.name} joins {joint.parent} and {joint.child}"
+        expected = f"{parent} and {child} at its place: bones and joints are listed from proximal to distal"
+        _need((joint.parent, joint.child) == (parent, child), where, found, expected)
+        _need(bool(joint.rotations), where, f"joint {joint.name} has no rotation", "at least one")
+        for rotation in joint.rotations:
+            _need(any(rotation.axis), where, f"rotation {rotation.name} has an axis of no length", "a direction")
+
+
+def _check_hood(document: FingerFile, where: str) -> list[str]:
+    """Check the muscles that enter the hood and the slips that leave it; return the slips."""
+    hood = document.hood
+    if hood is None:
+        return []
+    expected = set(_hood(document, where).fractions)
+    _need(set(hood.fractions) == expected, where, f"hood.fractions has {sorted(hood.fractions)}", f"{sorted(expected)}")
+    entering = list(hood.pulls) if isinstance(hood, ElasticHoodBlock) else [*hood.radial, *hood.ulnar, *hood.extensors]
+    require_once(where, "muscle that enters the hood", entering)
+    require_once(where, "muscle that enters the hood in part", hood.partial)
+    for muscle in entering:
+        _need(muscle in document.muscles, where, f"{muscle!r} enters the hood", f"one of {', '.join(document.muscles)}")
+    slips = [hood.central_slip, hood.radial_band, hood.ulnar_band, hood.terminal_slip]
+    require_once(where, "muscle or slip of the hood", [*document.muscles, *slips])
+    return slips
+
+
 def _check_names(document: FingerFile, where: str) -> None:
     def need(ok: bool, found: str, expected: str) -> None:
-        if not ok:
-            raise ModelError(f"{where}: {found}", expected)
+        _need(ok, where, found, expected)
 
-    joints = {j.name for j in document.joints}
-    for joint in document.joints:
-        for bone in (joint.parent, joint.child):
-            need(bone in document.bones, f"joint {joint.name} joins {bone!r}", f"one of {', '.join(document.bones)}")
-        need(bool(joint.rotations), f"joint {joint.name} has no rotation", "at least one")
+    _check_chain(document, where)
+    require_once(where, "muscle", document.muscles)
+    require_once(where, "segment", [f"{s.joint}.{s.slip}" for s in document.segments])
+    joints = {j.name: j for j in document.joints}
     for segment in document.segments:
-        known = segment.joint in joints
-        need(known, f"segment {segment.slip} crosses {segment.joint!r}", f"one of {', '.join(sorted(joints))}")
-    hood_slips: set[str] = set()
-    if document.hood:
-        hood = document.hood
-        hood_slips = {hood.central_slip, hood.radial_band, hood.ulnar_band, hood.terminal_slip}
-        expected = set(_hood(document, where).fractions)
-        need(set(hood.fractions) == expected, f"hood.fractions has {sorted(hood.fractions)}", f"{sorted(expected)}")
-        entering = hood.pulls if isinstance(hood, ElasticHoodBlock) else (*hood.radial, *hood.ulnar, *hood.extensors)
-        for muscle in entering:
-            need(muscle in document.muscles, f"{muscle!r} enters the hood", f"one of {', '.join(document.muscles)}")
+        require_known(where, f"segment {segment.slip} crosses", segment.joint, joints)
+        joint, place = joints[segment.joint], document.bones.index
+        start, end = segment.proximal_bone or joint.parent, segment.distal_bone or joint.child
+        for bone in (start, end):
+            require_known(where, f"segment {segment.joint}.{segment.slip} ends on", bone, document.bones)
+        crosses = place(start) <= place(joint.parent) and place(joint.child) <= place(end)
+        need(crosses, f"segment {segment.joint}.{segment.slip} leads from {start} to {end}", f"across {segment.joint}")
+    hood_slips = _check_hood(document, where)
     for segment in document.segments:
         known = segment.slip in document.muscles or segment.slip in hood_slips
         need(known, f"segment {segment.joint}.{segment.slip} is pulled by nothing", "a muscle or a slip of the hood")
@@ -129,6 +168,18 @@ def _check_names(document: FingerFile, where: str) -> None:
     blocks += check_blocks(document, where)
     for block in blocks:
         need(block.source in document.sources, f"source {block.source!r} is not listed", f"{sorted(document.sources)}")
+
+
+def _check_lengths(finger: Finger, where: str) -> None:
+    """Check that every segment has a length, and so a direction, in the neutral posture."""
+    values = finger.values
+    # All bones are parallel there, and each begins at the joint before it.
+    origin = np.concatenate([np.zeros((1, 3)), np.cumsum(values.centre, axis=0)])
+    for i, segment in enumerate(finger.topology.segments):
+        start = origin[segment.proximal_bone] + values.proximal_point[i]
+        end = origin[segment.distal_bone] + values.distal_point[i]
+        long = float(np.linalg.norm(end - start)) > _LEAST_MM
+        _need(long, where, f"segment {segment.name} has no length", "different points on its two bones")
 
 
 def _hood(document: FingerFile, where: str) -> Hood | ElasticHood:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from daq.errors import ModelError
 from fingermodel.fingers.document import FingerFile
+from fingermodel.fingers.naming import require_known, require_once
 from fingermodel.fingers.sourced import Sourced
 
 
@@ -18,28 +19,28 @@ def check_blocks(document: FingerFile, where: str) -> list[Sourced]:
     surfaces, passive = list(document.surfaces or []), list(document.passive or [])
     bones = {s.name: s.bone for s in surfaces}
     joints = {j.name: j for j in document.joints}
-    _once(where, "surface", [s.name for s in surfaces])
+    require_once(where, "surface", [s.name for s in surfaces])
     for surface in surfaces:
-        _known(where, f"surface {surface.name} is on", surface.bone, document.bones)
+        require_known(where, f"surface {surface.name} is on", surface.bone, document.bones)
         if not any(surface.axis):
             raise ModelError(f"{where}: surface {surface.name} has an axis of no length", "a direction")
     for segment in document.segments:
         if segment.over is None:
             continue
         name, joint = f"{segment.joint}.{segment.slip}", joints[segment.joint]
-        _known(where, f"segment {name} runs over", segment.over.surface, bones)
+        require_known(where, f"segment {name} runs over", segment.over.surface, bones)
         if (segment.proximal_bone or joint.parent, segment.distal_bone or joint.child) != (joint.parent, joint.child):
             raise ModelError(f"{where}: segment {name} runs over a surface and several joints", "one joint")
-        _known(where, f"the surface of {name} is on", bones[segment.over.surface], [joint.parent, joint.child])
+        require_known(where, f"the surface of {name} is on", bones[segment.over.surface], [joint.parent, joint.child])
     rotations = [r.name for j in document.joints for r in j.rotations]
     for block in passive:
-        _known(where, "a passive torque acts on", block.rotation, rotations)
-    _once(where, "passive torque on", [b.rotation for b in passive])
+        require_known(where, "a passive torque acts on", block.rotation, rotations)
+    require_once(where, "passive torque on", [b.rotation for b in passive])
     _check_heads(where, document.heads or {}, document.muscles)
     held = [document.held] if document.held else []
     for posture in held:
         for name in posture.posture_deg:
-            _known(where, "the posture held names", name, rotations)
+            require_known(where, "the posture held names", name, rotations)
     return [*surfaces, *passive, *held]
 
 
@@ -48,16 +49,5 @@ def _check_heads(where: str, heads: Mapping[str, Sequence[str]], muscles: Sequen
         if name in muscles or not members:
             raise ModelError(f"{where}: heads of {name!r}", "another name than a muscle's, with one head at least")
         for muscle in members:
-            _known(where, f"a head of {name} is", muscle, muscles)
-    _once(where, "head", [muscle for members in heads.values() for muscle in members])
-
-
-def _known(where: str, what: str, name: str, known: Mapping[str, object] | Sequence[str]) -> None:
-    if name not in known:
-        raise ModelError(f"{where}: {what} {name!r}", f"one of {', '.join(known) or 'none, as there are none'}")
-
-
-def _once(where: str, what: str, names: Sequence[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise ModelError(f"{where}: {what} {name!r}, {names.count(name)} times", "once")
+            require_known(where, f"a head of {name} is", muscle, muscles)
+    require_once(where, "head", [muscle for members in heads.values() for muscle in members])

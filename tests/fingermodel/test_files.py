@@ -98,6 +98,11 @@ def test_a_changed_finger_reads_back_and_says_what_was_changed(tmp_path: Path) -
 def _bad_fingers() -> dict[str, Any]:
     raw = yaml.safe_load((data_dir() / "fingers" / "an1979_middle.yaml").read_text(encoding="utf-8"))
 
+    last = raw["joints"][-1]
+    (turn,) = last["rotations"]
+    origin = {j["name"]: j["distal_origin"] for j in raw["joints"]}[raw["segments"][0]["joint"]]
+    at_centre = {"proximal": [0, 0, 0], "distal": [origin, 0, 0]}
+
     def changed(**changes: Any) -> dict[str, Any]:
         return raw | changes
 
@@ -113,6 +118,20 @@ def _bad_fingers() -> dict[str, Any]:
         "slip from nowhere": changed(segments=[raw["segments"][0] | {"slip": "XX"}]),
         "unknown joint": changed(segments=[raw["segments"][0] | {"joint": "wrist"}]),
         "unknown bone": changed(joints=[raw["joints"][0] | {"child": "femur"}, *raw["joints"][1:]]),
+        "bones in another order": changed(bones=["PP", "MC", "MP", "DP"]),
+        "bone twice": changed(bones=[*raw["bones"], "DP"]),
+        "joints in another order": changed(joints=raw["joints"][::-1]),
+        "joint of other bones": changed(joints=[*raw["joints"][:-1], raw["joints"][-1] | {"parent": "PP"}]),
+        "axis of no length": changed(joints=[*raw["joints"][:-1], last | {"rotations": [turn | {"axis": [0, 0, 0]}]}]),
+        "rotation twice": changed(joints=[*raw["joints"][:-1], last | {"rotations": [turn | {"name": "PIP"}]}]),
+        "muscle twice": changed(muscles=[*raw["muscles"], "FDP"]),
+        "segment twice": changed(segments=[*raw["segments"], raw["segments"][0]]),
+        "segment of no length": changed(segments=[raw["segments"][0] | at_centre, *raw["segments"][1:]]),
+        "segment on an unknown bone": changed(segments=[raw["segments"][0] | {"distal_bone": "femur"}]),
+        "segment that crosses no joint": changed(segments=[raw["segments"][0] | {"distal_bone": "MC"}]),
+        "muscle in two parts of the hood": changed(hood=raw["hood"] | {"extensors": ["EDC", "LU"]}),
+        "one slip on both sides": changed(hood=raw["hood"] | {"ulnar_band": raw["hood"]["radial_band"]}),
+        "slip with a muscle's name": changed(hood=raw["hood"] | {"central_slip": "EDC"}),
     }
 
 

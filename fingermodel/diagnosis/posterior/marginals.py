@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, OTHER_SCATTER, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, GROUPS, NOISE, OTHER_SCATTER, SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import EVIDENCE_POWER
@@ -242,10 +242,12 @@ class Posterior:
     def other_scatter(self) -> dict[str, tuple[float, float]]:
         """By case of components, directions and angles; by group of a weight and a mounting: mean and sd.
 
-        None of what these readings cannot show.
+        None of what the fitted readings cannot show: of that the prior alone would speak.
         """
-        known = self.nothing.hyper.axes
-        return {kind: self.hyperparameter(axis) for kind, axis in OTHER_SCATTER.items() if len(known[axis].values) > 1}
+        fit = self.nothing
+        hidden = set(GROUPS) - fit.session.groups_shown
+        hidden |= {kind for kind, axis in OTHER_SCATTER.items() if len(fit.hyper.axes[axis].values) == 1}
+        return {kind: self.hyperparameter(axis) for kind, axis in OTHER_SCATTER.items() if kind not in hidden}
 
     @property
     def budget(self) -> tuple[float, float]:

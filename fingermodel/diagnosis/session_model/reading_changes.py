@@ -27,6 +27,7 @@ from fingermodel.structure import Pieces
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
 def is_smooth(block: str) -> bool:
@@ -246,6 +247,10 @@ class LinearisedErrors:
     @cached_property
     def by_group(self) -> dict[str, Floats]:
         """(n, k) change of every reading per unit of each error by group of cases (see `GroupErrors`), by its name."""
+        return self.by_group_among(np.ones(len(self.changes.rows), dtype=bool))
+
+    def by_group_among(self, chosen: Mask) -> dict[str, Floats]:
+        """The same of some readings (n,), as if there were no others: what these can show by themselves."""
         changes = self.changes
-        suture, by_angle = np.asarray(changes.model.values.suture), changes.by_stated_angle
-        return by_group(changes.observations, changes.rows, suture, self.by_tension, by_angle)
+        suture, by_angle = np.asarray(changes.model.values.suture), changes.by_stated_angle[chosen]
+        return by_group(changes.observations, changes.rows[chosen], suture, self.by_tension[chosen], by_angle)

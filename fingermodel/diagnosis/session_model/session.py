@@ -146,6 +146,12 @@ class Session:
         return {}
 
     @cached_property
+    def groups_shown(self) -> frozenset[str]:
+        """Errors by group of cases (see `GroupErrors`) that the fitted readings can show."""
+        columns = self.errors.by_group_among(self.fitted)
+        return frozenset(name for name, changes in columns.items() if changes.any())
+
+    @cached_property
     def unlike_fitted(self) -> frozenset[int]:
         """Validation cases in a posture, with tendons loaded together, or under a load that no fitted case has."""
         tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self._fitted_cases, self._unseen_cases

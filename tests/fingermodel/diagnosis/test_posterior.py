@@ -343,3 +343,16 @@ def test_one_weight_far_beyond_a_usual_one_is_no_small_error(hanger: Optimum, of
     moved = hanger.residual + off * weights[:, int(np.argmax((weights**2).sum(axis=0)))]
     assert far_off(replace(hanger.but(residual=moved), node=tuple(node))).startswith(said)
     assert bool(far_off(replace(hanger.but(residual=moved), node=tuple(node)))) is bool(said)
+
+
+def test_errors_that_no_fitted_case_shows_are_not_told(nothing: Optimum) -> None:
+    """The published sessions read the bone in validation cases alone, so what is told of it would be the prior's."""
+    bench = Session.open("synek2019_HMEAN")
+    session = session_of(bench.model, bench.observations)
+    fitter = Fitter(session, Candidates.of(bench.model, sagittal=True), Hyperparameters.of(session))
+    fit = fitter.fit(NOTHING, session.problem.centre, fitter.hyper.start(0))
+    of_bone = {"line_rad", "apart_rad"}
+    assert of_bone <= Posterior.of({NOTHING: nothing}).other_scatter.keys(), "DEV-02 has fitted cases at the bone"
+    told = Posterior.of({NOTHING: fit}).other_scatter.keys()
+    assert told >= {"component", "angle_rad", "weight", "turn_rad"}
+    assert not told & of_bone
