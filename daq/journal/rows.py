@@ -50,6 +50,12 @@ ROWS = (
     "+ (SELECT ifnull(max(id), 0) FROM undecoded)"
 )
 SAMPLES = "SELECT ifnull(sum(n), 0) FROM chunks"
+# Samples that no chunk holds before one that is there: stream, the first of them, how many.
+HOLES = (
+    "SELECT stream, past, first_seq - past FROM (SELECT stream, first_seq, "
+    "ifnull(lag(first_seq + n) OVER (PARTITION BY stream ORDER BY first_seq), 0) AS past FROM chunks) "
+    "WHERE first_seq > past ORDER BY stream, past"
+)
 INSERT_CHUNK = "INSERT INTO chunks (stream, first_seq, n, crc, payload) VALUES (?, ?, ?, ?, ?)"
 INSERT_UNDECODED = "INSERT INTO undecoded (stream, first_seq, n, crc, payload) VALUES (?, ?, ?, ?, ?)"
 INSERT_EVENT = "INSERT INTO events (stream, at_s, utc_s, kind, value, crc) VALUES (?, ?, ?, ?, ?, ?)"
