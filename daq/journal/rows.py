@@ -253,10 +253,12 @@ def said(error: sqlite3.Error, path: Path) -> JournalError:
     )
 
 
-def disk_full(path: Path) -> JournalError:
-    """Return the error that nothing more can be kept."""
+def disk_full(path: Path, reserve_bytes: int = 0) -> JournalError:
+    """Return the error that nothing more can be kept; so much of the disk is left free on purpose."""
     return JournalError(
         f"disk full: {path.name} cannot grow",
-        "free space",
+        f"more than {reserve_bytes / (1 << 20):.0f} MiB of free space, which it leaves"
+        if reserve_bytes
+        else "free space",
         "Free some and go on; all that was acknowledged is kept",
     )
