@@ -246,6 +246,11 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
 }
 
 
+def test_status_bits_of_gauges_are_told_where_no_manual_tells_them(tmp_path: Path) -> None:
+    [found] = [f for f in examined(tmp_path, flag).findings if f.code == "status_flags"]
+    assert "Of gauge volts, bit 0 is gauge 1 at the end of its range" in found.text
+
+
 @pytest.mark.parametrize("name", DEFECTS)
 def test_each_defect_is_found(name: str, tmp_path: Path) -> None:
     change, level, code = DEFECTS[name]
