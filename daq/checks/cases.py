@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 AXES = HEADERS[1:]
 # The best of hundreds of moments in hundreds of windows on six axes: chance does not reach this many deviations.
 SHIFT_DEVIATIONS = 7.0
+# No noise, whatever its tails, puts one reading so far from all others.
+WILD_DEVIATIONS = 20.0
 # A change of level that a case bears: half of what counts as steady.
 LEAST_SHIFT = 0.5 * TOLERANCE
 # Share of the force by which readings may creep as a rule: about what a pulley's friction is uncertain by.
@@ -62,7 +64,7 @@ def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau], spec: C
     open_ended = 0
     for window in spans:
         plateau, where = plateaus[window], _named(users[window])
-        found = _load_change(plateau, noise, where)
+        found = _wild_reading(plateau, where) or _load_change(plateau, noise, where)
         if spec is not None and saturated(plateau, spec):
             out.append(_at_limit(plateau, spec, where))
         elif (still := alive & (plateau.step == 0.0) & (plateau.sd < _NO_SD)).any():
@@ -268,6 +270,24 @@ def _standing_still(plateau: Plateau, still: NDArray[np.bool_], where: str) -> F
         f"all {plateau.readings} readings of {AXES[k]} are {plateau.mean[k]:g}",
         "noise, as in the other windows",
         "Was a channel at its limit, or a wire broken? Exclude the case",
+    )
+
+
+def _wild_reading(plateau: Plateau, where: str) -> Finding | None:
+    """Tell one reading that is far from all others, such as of a flipped bit, from a change of level beside it."""
+    found = np.abs(plateau.wild) > np.maximum(WILD_DEVIATIONS * plateau.others_sd, TOLERANCE)
+    if not found.any():
+        return None
+    k = int(np.argmax(np.where(found, np.abs(plateau.wild) / TOLERANCE, 0.0)))
+    unit = "N" if k < 3 else "N mm"
+    return finding(
+        "warning",
+        "wild_reading",
+        where,
+        f"{AXES[k]} at {plateau.wild_s[k]:.6g} s is {plateau.wild[k]:+.3g} {unit} off the other {plateau.readings - 1} "
+        f"readings, and moves their mean by {plateau.wild[k] / plateau.readings:+.2g} {unit}",
+        f"readings within {WILD_DEVIATIONS:g} standard deviations ({plateau.others_sd[k]:.2g} {unit})",
+        "A flipped bit, or a knock? Move the window so that it lies outside",
     )
 
 

@@ -190,7 +190,7 @@ def recording_findings(
                 f"{scan.flagged} readings carry status flags (0x{scan.flags & 0xFFFFFFFF:08x} together), the first at "
                 f"{scan.flagged_first_s:.6g} s",
                 "status 0",
-                "Look the bits up in the cell's manual",
+                "Look the bits up in the cell's manual. Of gauge volts, bit 0 is gauge 1 at the end of its range",
             )
         )
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sqlite3
 from contextlib import ExitStack, closing, suppress
@@ -13,8 +14,8 @@ from daq.files import replacing
 from daq.journal.lock import InUseError, WriterLock, lock_file
 from daq.journal.mark import Mark, read_mark
 from daq.journal.reader import connect_read
-from daq.journal.rows import APPLICATION_ID, ROWS, SAMPLES, VERSION, require_journal, said
-from daq.journal.salvage import Fault, Report, Salvage
+from daq.journal.rows import APPLICATION_ID, HOLES, ROWS, SAMPLES, VERSION, require_journal, said
+from daq.journal.salvage import Fault, Report, Salvage, gap
 from daq.journal.wal import log_file, read_log, require_sound_log
 from daq.quoting import quoted
 
@@ -85,12 +86,13 @@ def require_complete(path: Path) -> None:
     """Check that a journal shows all that was ever committed to it, also while it is written.
 
     Raises:
-        JournalError: readings were lost with its write-ahead log, or are hidden by its damage.
+        JournalError: readings were lost with its write-ahead log, are hidden by its damage, or are missing between
+            others, and no recovery has noted it.
     """
     require_sound_log(path)
     mark = read_mark(path)
     with closing(connect_read(path)) as connection:
-        for fault in _behind(connection, mark):
+        for fault in (*_behind(connection, mark), *_holes(connection)):
             remedy = f"fingertwin journal recover {quoted(path)} --out NEW keeps the others"
             raise JournalError(f"{path.name}: {fault.text}", "a journal with all its readings", remedy)
 
@@ -113,6 +115,18 @@ def _behind(connection: sqlite3.Connection, mark: Mark | None) -> list[Fault]:
         if missing is not None:
             text = f"{missing}: the write-ahead log was lost, cut or damaged"
             return [Fault("log", text, n=mark.samples - samples if mark else None)]
+    return []
+
+
+def _holes(connection: sqlite3.Connection) -> list[Fault]:
+    """Return the samples that are missing before others, but those that a recovery has noted."""
+    with suppress(sqlite3.DatabaseError):
+        noted = set()
+        for stream, value in connection.execute("SELECT stream, value FROM events WHERE kind = 'lost'"):
+            with suppress(ValueError, AttributeError):  # a damaged event notes nothing
+                noted.add((stream, json.loads(value).get("first_seq")))
+        holes = connection.execute(HOLES).fetchall()
+        return [gap(stream, first, n) for stream, first, n in holes if (stream, first) not in noted]
     return []
 
 

@@ -50,6 +50,12 @@ ROWS = (
     "+ (SELECT ifnull(max(id), 0) FROM undecoded)"
 )
 SAMPLES = "SELECT ifnull(sum(n), 0) FROM chunks"
+# Samples that no chunk holds before one that is there: stream, the first of them, how many.
+HOLES = (
+    "SELECT stream, past, first_seq - past FROM (SELECT stream, first_seq, "
+    "ifnull(lag(first_seq + n) OVER (PARTITION BY stream ORDER BY first_seq), 0) AS past FROM chunks) "
+    "WHERE first_seq > past ORDER BY stream, past"
+)
 INSERT_CHUNK = "INSERT INTO chunks (stream, first_seq, n, crc, payload) VALUES (?, ?, ?, ?, ?)"
 INSERT_UNDECODED = "INSERT INTO undecoded (stream, first_seq, n, crc, payload) VALUES (?, ?, ?, ?, ?)"
 INSERT_EVENT = "INSERT INTO events (stream, at_s, utc_s, kind, value, crc) VALUES (?, ?, ?, ?, ?, ?)"
@@ -247,10 +253,12 @@ def said(error: sqlite3.Error, path: Path) -> JournalError:
     )
 
 
-def disk_full(path: Path) -> JournalError:
-    """Return the error that nothing more can be kept."""
+def disk_full(path: Path, reserve_bytes: int = 0) -> JournalError:
+    """Return the error that nothing more can be kept; so much of the disk is left free on purpose."""
     return JournalError(
         f"disk full: {path.name} cannot grow",
-        "free space",
+        f"more than {reserve_bytes / (1 << 20):.0f} MiB of free space, which it leaves"
+        if reserve_bytes
+        else "free space",
         "Free some and go on; all that was acknowledged is kept",
     )

@@ -105,6 +105,12 @@ class Report:
         return f"{known} readings and an unknown number of others are missing" if known else "readings are missing"
 
 
+def gap(stream: str, first_seq: int, n: int | None) -> Fault:
+    """Return the fault of samples that are missing; None where nobody can tell how many."""
+    many = "an unknown number of" if n is None else str(n)
+    return Fault("gap", f"{many} samples from {first_seq} on are missing", stream, first_seq, n)
+
+
 class Salvage:
     """Reads row by row, past what cannot be read."""
 
@@ -158,11 +164,11 @@ class Salvage:
         for row in self._sound_events():
             new.execute(INSERT_EVENT, row)
         gaps = self._gaps()
-        for gap in gaps:
-            at_s = max((t for first, _, t in self._pieces.get(gap.stream or "", []) if first < (gap.first_seq or 0)),
-                       default=0.0)  # fmt: skip
-            value = {"first_seq": gap.first_seq, "n": gap.n, "reason": "not recovered"}
-            new.execute(INSERT_EVENT, event_row(Event("lost", at_s, value, gap.stream)))
+        for fault in gaps:
+            pieces = self._pieces.get(fault.stream or "", [])
+            at_s = max((end_s for first, _, end_s in pieces if first < (fault.first_seq or 0)), default=0.0)
+            value = {"first_seq": fault.first_seq, "n": fault.n, "reason": "not recovered"}
+            new.execute(INSERT_EVENT, event_row(Event("lost", at_s, value, fault.stream)))
         for fault in self._faults:
             if fault.kind == "log" and fault.loses:  # nobody can tell of which stream
                 new.execute(INSERT_EVENT, event_row(Event("warning", 0.0, {"code": "lost", "text": fault.text})))
@@ -231,11 +237,16 @@ class Salvage:
                 yield row
 
     def _sound_events(self) -> Iterator[tuple[Any, ...]]:
-        for _, *row in self._rows("events", f"id, {EVENT_COLUMNS}"):
+        before = 0
+        for at, *row in self._rows("events", f"id, {EVENT_COLUMNS}"):
+            if at > before + 1:  # none is ever deleted
+                which = f"events {before + 1} to {at - 1} are" if at > before + 2 else f"event {before + 1} is"
+                self._faults.append(Fault("event", f"{which} missing"))
+            before = at
             try:
                 Event.of_row(tuple(row))
             except (JournalError, ValueError, TypeError):
-                self._faults.append(Fault("event", f"event {_} is damaged"))
+                self._faults.append(Fault("event", f"event {at} is damaged"))
             else:
                 self._events += 1
                 yield tuple(row)
@@ -256,9 +267,7 @@ class Salvage:
             there = {first for first, _, _ in pieces}
             if any(first >= last and first not in there for first in known.get(stream, ())):
                 holes.append((last, None))
-            for first, n in holes:
-                many = "an unknown number of" if n is None else str(n)
-                out.append(Fault("gap", f"{many} samples from {first} on are missing", stream, first, n))
+            out += [gap(stream, first, n) for first, n in holes]
         return out
 
     def _meta(self) -> dict[str, str]:

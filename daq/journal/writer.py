@@ -142,8 +142,7 @@ class Journal(Writer):
         with self._lock:
             if chunk.first_seq != self._end(stream):
                 return self._again(stream, chunk, digest)
-            if self.space_left() < len(payload):
-                raise disk_full(self.path)
+            self._require_room(payload)
             key = (stream, chunk.first_seq, len(chunk))
             try:
                 with self.transaction() as connection:
@@ -177,11 +176,14 @@ class Journal(Writer):
             return
         payload = chunk.to_bytes()
         key, rows = (stream, chunk.first_seq, 0), [event_row(event, stream) for event in events]
-        if self.space_left() < len(payload):
-            raise disk_full(self.path)
+        self._require_room(payload)
         with self.transaction() as connection:
             connection.execute(INSERT_UNDECODED, (*key, chunk_checksum(*key, payload), payload))
             connection.executemany(INSERT_EVENT, rows)
+
+    def _require_room(self, payload: bytes) -> None:
+        if self.space_left() < len(payload):
+            raise disk_full(self.path, self._reserve_bytes)
 
     def event(self, *events: Happening, stream: str | None = None) -> None:
         """Keep events, also where the disk is too full for chunks; they are on the disk on return.

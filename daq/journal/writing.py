@@ -7,10 +7,11 @@ import os
 import socket
 import sqlite3
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from daq.errors import JournalError
@@ -42,7 +43,7 @@ class Writer(JournalReader):
     """A journal that this process alone may write.
 
     Attributes:
-        alarm: is told at once, in words, when the journal's files are no longer where they were.
+        alarms: codes and words for whoever looks on: the files are no longer where they were, or a service takes none.
         displaced: what has become of them, and where everything is now; None where nothing has.
         lost: what was committed and was missing when it was opened; None where nothing was.
     """
@@ -57,7 +58,7 @@ class Writer(JournalReader):
         # Of the streams that are written: their rows, and where each goes on, None once an empty chunk has ended it.
         self._described: dict[str, tuple[Any, ...]] = {}
         self._ends: dict[str, int | None] = {}
-        self.alarm: Callable[[str], None] = lambda text: None
+        self.alarms: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self.displaced: JournalError | None = None
         self.lost: JournalError | None = None
 
@@ -144,7 +145,7 @@ class Writer(JournalReader):
 
     def _go_on_beside(self, why: str) -> None:
         target, old, before = free_beside(self.path), self._connection, self._marked_samples
-        self.alarm(f"{why} while it was written: all goes to {target} from here on")
+        self.alarms.put(("displaced", f"{why} while it was written: all goes to {target} from here on"))
         lock: WriterLock | None = None
         try:
             target.parent.mkdir(parents=True, exist_ok=True)

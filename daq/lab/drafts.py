@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.checks.recording import JUMP_S
 from daq.errors import InputError, ReadingsError
 from daq.lab.files import LabFileMap, LabRecording, open_recording, stated_mapping
 from daq.lab.layout import Layout
@@ -24,8 +25,8 @@ from daq.sessions.protocols import TAPPED
 
 Floats = NDArray[np.float64]
 
-# Between the last reading of a file and the first one of the next [s].
-APART_S = 10.0
+# Between the last reading of a file and the first one of the next [s]: a pause, and no lost readings.
+APART_S = 2.0 * JUMP_S
 
 
 @dataclass(frozen=True)

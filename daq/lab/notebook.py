@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -30,7 +31,7 @@ _HEADINGS = {
 }  # fmt: skip
 _OF_WORDS = ("posture", "location", "role", "direction")
 _MOST = 10_000
-# On each tendon [g], as often as it is named.
+# On each tendon [g], as they were named.
 Masses = list[tuple[str, float]]
 
 
@@ -84,6 +85,8 @@ def read_notes(text: str, tendons: Iterable[str] = (), whole: bool = True) -> tu
         raise InputError("the notebook is empty", "lines such as 'FDP 950, hook, tip'")
     known = {t.lower(): t for t in tendons}
     heading = _heading(lines[0][1], set(tendons))
+    if twice := _twice(heading):
+        raise InputError(f"line {lines[0][0]} of the notebook has two columns of {twice}", "one of each")
     notes: list[Note] = []
     said = Note("load", 0)
     for number, line in lines[1:] if heading else lines:
@@ -171,10 +174,16 @@ def _said(
 ) -> tuple[Note, int]:
     """Return what a line says, with what it leaves out as it was before, and how often it was done."""
     own: dict[str, Any] = {"times": 1, "kind": "load", "repeats": False, "direction": "loading", "tapped": False}
+    by: dict[str, str] = {}
     for word in words:
-        own |= _meaning(number, word, known)
+        for key, value in _meaning(number, word, known).items():
+            if key in by:
+                raise InputError(f"line {number} of the notebook has {by[key]!r} and {word!r}", "one of them")
+            by[key], own[key] = word, value
+    if twice := _twice(tendon for tendon, _ in hung):
+        raise InputError(f"line {number} of the notebook, {line[:40]!r}, names {twice} twice", "one mass on a tendon")
     if hung:
-        own["masses_g"] = tuple(dict(hung).items())
+        own["masses_g"] = tuple(hung)
     times = own.pop("times")
     note = replace(before, line=number, **own)
     if note.kind == "tare" and hung:
@@ -186,6 +195,12 @@ def _said(
             f"line {number} of the notebook, {line[:40]!r}, lacks {lacks[0]}", "as in 'FDP 950, hook, tip'"
         )
     return note, times
+
+
+def _twice(names: Iterable[str]) -> str:
+    """Return the first name that is there before; nothing where each is there once."""
+    counts = Counter(names)
+    return next((name for name, count in counts.items() if count > 1), "")
 
 
 def _meaning(number: int, word: str, known: Mapping[str, str]) -> dict[str, Any]:

@@ -39,6 +39,7 @@ class Plateau:
         shift: (6,) change of level at the moment within the window that explains most of the scatter.
         shift_gain: (6,) sum of squares that this change explains; line_gain: that the creep explains.
         peak: (6,) largest magnitude of a reading.
+        wild: (6,) reading farthest from the others, less their mean; wild_s: its time; others_sd: (6,) of the others.
         step: (6,) smallest step between values, 0 where none was seen.
         flagged: readings with a status flag.
         steady: True where a change beyond the tolerance is ruled out, False where it is shown or readings are flagged,
@@ -60,6 +61,9 @@ class Plateau:
     shift_gain: Floats
     line_gain: Floats
     peak: Floats
+    wild: Floats
+    wild_s: Floats
+    others_sd: Floats
     step: Floats
     flagged: int
     steady: bool | None
@@ -104,7 +108,11 @@ def reduce_window(t_s: Floats, wrench: Floats, flagged: int = 0, tolerance: Floa
     centred = y - mean[:, None]
     variance, correlation_time = variance_of_mean(centred)
     effective = n / correlation_time
-    sd = np.sqrt((centred**2).sum(axis=1) / (n - 1))
+    squares = (centred**2).sum(axis=1)
+    sd = np.sqrt(squares / (n - 1))
+    at = np.argmax(np.abs(centred), axis=1)
+    wild = centred[np.arange(6), at] * n / (n - 1)
+    others_sd = np.sqrt(np.maximum(squares - wild**2 * (n - 1) / n, 0.0) / (n - 2))
     step = smallest_step(y)
     scale = np.where(sd > 0.0, sd, 1.0)
     correlation = (centred / scale[:, None]) @ (centred / scale[:, None]).T / (n - 1)
@@ -118,7 +126,7 @@ def reduce_window(t_s: Floats, wrench: Floats, flagged: int = 0, tolerance: Floa
     shift, shift_gain, jump = largest_shift(centred)
     # The noise is what is left without the change itself: creep must not hide behind the scatter that it causes. Creep
     # that dies away bends, so a parabola is taken out.
-    sudden = shift_gain > np.maximum(line_gain, 0.5 * (centred**2).sum(axis=1))
+    sudden = shift_gain > np.maximum(line_gain, 0.5 * squares)
     bend = time**2 - (time @ time) / n
     bend -= (bend @ time) / (time @ time) * time
     curve = slope[:, None] * time + (centred @ bend / (bend @ bend))[:, None] * bend
@@ -151,6 +159,9 @@ def reduce_window(t_s: Floats, wrench: Floats, flagged: int = 0, tolerance: Floa
         shift_gain=shift_gain,
         line_gain=line_gain,
         peak=np.abs(y).max(axis=1),
+        wild=wild,
+        wild_s=t_s[at],
+        others_sd=others_sd,
         step=step,
         flagged=flagged,
         steady=False if flagged else steady,

@@ -87,6 +87,7 @@ class Uplink:
         self._link = Link(client or open_client(url, token), clock, wall, chance)
         self._session, self._document = session, document
         self._begins, self._begun = begins, False
+        self._refusal: str | None = None
         self._chunks = ChunkFeed(journal, self._link, session)
         self._events = EventFeed(journal, self._link, session, clock)
         self._epoch = ""
@@ -125,6 +126,8 @@ class Uplink:
     def status(self) -> UplinkStatus:
         """Return the state of the uplink."""
         problem = self._trouble or self._link.problem or self._events.problem
+        if problem and self._refusal:  # it is why a session is not there
+            problem = f"{self._refusal}; {problem}"
         caught_up = self._idle_step == self._steps > 0
         return UplinkStatus(self._chunks.sent, self._chunks.quarantined, self._events.refused, caught_up, problem)
 
@@ -198,4 +201,6 @@ class Uplink:
             return
         self._begun = True
         if response.status_code == 422:
-            self._journal.event(Event("session_refused", 0.0, {"why": said(response)}))
+            self._refusal = said(response)
+            self._journal.event(Event("session_refused", 0.0, {"why": self._refusal}))
+            self._journal.alarms.put(("session_refused", f"session {self._session} was not begun: {self._refusal}"))

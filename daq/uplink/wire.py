@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 import datetime as dt
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from email.utils import parsedate_to_datetime
 from urllib.parse import quote
 
+from daq.errors import InputError
+
 API = "/api/v1"
 COUNT, SHA256, EPOCH = "X-Fingertwin-Count", "X-Fingertwin-SHA256", "X-Fingertwin-Epoch"
+# Goes into addresses and names of files that are exported.
+SESSION_ID = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
 # Longer than this nobody is asked to wait: a mistaken header must not stop the uplink for good.
 MOST_WAIT_S = 3600.0
 
 Range = tuple[int, int]
+
+
+def require_session_id(name: str, remedy: str = "") -> None:
+    """Refuse a name that a service does not take for a session.
+
+    Raises:
+        InputError: it is one.
+    """
+    if not re.fullmatch(SESSION_ID, name):
+        raise InputError(
+            f"session name {name!r}", "letters, digits and . _ -, at most 100, a letter or digit first", remedy
+        )
 
 
 def session_path(session: str) -> str:

@@ -98,8 +98,6 @@ class BenchLoop:
         self._space_left: int | None = None
         self._drawn_s = self._asked_s = -1e9
         self._warned = False
-        self._alarms: queue.SimpleQueue[str] = queue.SimpleQueue()
-        journal.alarm = self._alarms.put
 
     def go_on(self) -> None:
         """Log until the user quits, the cell ends, or nothing more can be kept; then the cell is stopped.
@@ -169,9 +167,9 @@ class BenchLoop:
             self._failure = error
 
     def _take(self) -> None:
-        while not self._alarms.empty():
-            self._meter.alarm = self._alarms.get()
-            value = {"code": "displaced", "text": self._meter.alarm}
+        while not self._journal.alarms.empty():
+            code, self._meter.alarm = self._journal.alarms.get()
+            value = {"code": code, "text": self._meter.alarm}
             # The journal has its own event of this.
             self._view.tell((Event("warning", self._run.status().now_s, value, self._stream),))
         while True:

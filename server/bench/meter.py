@@ -27,7 +27,7 @@ class StreamMeter:
         samples: so far; gaps: how many; lost: samples that nobody got, by the device's count or by the others' times.
         overloads: how often the cell was beyond its range; damaged: records or bytes that were refused.
         state: streaming, silent, not understood, lost or ended; why: of the last change.
-        alarm: what is wrong with the journal; empty where nothing is.
+        alarm: what is wrong with the journal or its way to a service; empty where nothing is.
     """
 
     def __init__(self, full_scale: Floats | None = None) -> None:

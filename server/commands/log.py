@@ -20,6 +20,7 @@ from daq.private import close_to_others, privately
 from daq.quoting import quoted
 from daq.sessions import find_session, read_session, whole_document
 from daq.uplink.link import address_of
+from daq.uplink.wire import require_session_id
 from server.bench.ending import Told, ended_by_signals
 from server.commands.closing_copy import Closed, copied_at_end
 from server.commands.console import answer, refuse_useless, say, table
@@ -83,6 +84,7 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
         raise InputError(f"--seconds {options.seconds:g}", "a time above 0")
     if options.to is not None:
         address_of(options.to)  # before a folder is made
+        require_session_id(options.session_name, "Give --session NAME")
     if options.out.is_dir() and not any(options.out.iterdir()):
         close_to_others(options.out)  # made for this log; what holds other things already is left as it is
     acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
@@ -160,7 +162,6 @@ class Logging:
     ) -> None:
         self.stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
         self._journal, self._quiet, self._told = journal, quiet, Told()
-        journal.alarm = lambda text: self.say(f"WARNING: {text}")
         self._kinds: Counter[str] = Counter()
         self._samples, self._first_s, self._last_s = 0, 0.0, 0.0
         # Bytes that made no reading: how many, and the first of them.
@@ -181,6 +182,8 @@ class Logging:
             except JournalError:
                 acquisition.stop()
                 raise
+            finally:
+                self._warn()
         seconds = self._last_s - self._first_s
         return {
             "stream": self.stream,
@@ -218,6 +221,7 @@ class Logging:
 
     def _keep(self, record: Record) -> None:
         self._journal.keep(self.stream, record.chunk, record.events)
+        self._warn()
         if record.chunk is not None and len(record.chunk):
             times = record.chunk.t_s
             self._first_s = float(times[0]) if self._samples == 0 else self._first_s
@@ -229,6 +233,12 @@ class Logging:
         self._watch(record)
         for event in record.events:
             self.say(worded(event))
+
+    def _warn(self) -> None:
+        """Say what the journal has to say."""
+        while not self._journal.alarms.empty():
+            _, text = self._journal.alarms.get()
+            self.say(f"WARNING: {text}")
 
     def _watch(self, record: Record) -> None:
         """Warn before the disk is full."""

@@ -159,9 +159,9 @@ class SmallReceiver:
     def client(self) -> httpx.Client:
         return httpx.Client(base_url=URL, transport=httpx.MockTransport(self.handle))
 
-    def new_session(self) -> str:
+    def new_session(self, name: str = "") -> str:
         self._sessions += 1
-        name = f"S {self._sessions}/ä"
+        name = name or f"S {self._sessions}/ä"
         self._connection.execute("INSERT INTO sessions VALUES (?)", (name,))
         return name
 

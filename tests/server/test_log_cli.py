@@ -189,6 +189,25 @@ def test_a_recording_is_logged_as_it_is(
         (["--driver", "ati-netft", "--out", "x", "--serial", "1", "--calibration", "1"], "lacks counts_per_N"),
         (["--driver", "replay", "--port", "a.csv", "--out", "x", "--seconds", "0"], "--seconds 0"),
         (["--driver", "replay", "--port", "DEV-02", "--out", "x", "--to", "nonsense"], "the address 'nonsense'"),
+        (
+            ["--driver", "replay", "--port", "DEV-02", "--out", "my log", "--to", "http://127.0.0.1:9"],
+            "session name 'my log'; expected letters, digits and . _ -, at most 100",
+        ),
+        (
+            [
+                "--driver",
+                "replay",
+                "--port",
+                "DEV-02",
+                "--out",
+                "x",
+                "--to",
+                "http://127.0.0.1:9",
+                "--session",
+                "Prüfling",
+            ],
+            "session name 'Prüfling'; expected letters",
+        ),
     ],
 )
 def test_what_cannot_be_logged_is_said_in_one_line(
@@ -318,7 +337,7 @@ def test_a_replay_arrives_at_a_service_once_and_in_order(
     recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     receiver = SmallReceiver(recording.parent / "received.sqlite3")
-    session, out = receiver.new_session(), recording.parent / "kept"
+    session, out = receiver.new_session("monday-2"), recording.parent / "kept"
     with serving(receiver.handle) as address:
         arguments = ["replay", str(recording), "--to", address, "--session", session, "--out", str(out)]
         code, text, err = run(capsys, monkeypatch, *arguments)
@@ -357,7 +376,7 @@ def test_what_a_service_refused_is_put_back_and_sent_by_the_next_log(
     recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     receiver = SmallReceiver(recording.parent / "received.sqlite3")
-    session, out = receiver.new_session(), recording.parent / "kept"
+    session, out = receiver.new_session("monday-2"), recording.parent / "kept"
     journal = str(out / "journal.sqlite3")
     with serving(receiver.handle) as address:
         arguments = ["replay", str(recording), "--to", address, "--session", session, "--out", str(out)]

@@ -62,6 +62,18 @@ def test_plateaus_that_no_line_names_are_told(lab: Path, tmp_path: Path) -> None
     assert len(left_out[0].split(",")) == 3
 
 
+def test_the_pause_between_two_recordings_is_no_gap(lab: Path, tmp_path: Path) -> None:
+    heading, *rows = (lab / "rig.csv").read_bytes().decode("cp1252").splitlines()[1:]
+    within = int(len(rows) * 0.4)
+    for name, part in (("a.csv", rows[:within]), ("b.csv", rows[within:])):
+        (tmp_path / name).write_text("\n".join([heading, *part]) + "\n", "utf-8")
+    given = ["--notes", lab / "notes.txt", "--setup", lab / "setup.yaml", "--posture", POSTURE, "--yes"]
+    body = answered("new", tmp_path / "a.csv", tmp_path / "b.csv", "--out", tmp_path / "out", *given)
+    assert any("2 recordings stand one after the other" in line for line in body["notes"])
+    codes = [finding.code for finding in check(tmp_path / "out").findings]
+    assert ("time_jump" in codes, "gaps" in codes) == (True, False)
+
+
 def test_a_finger_of_ones_own_goes_along(lab: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig"
     rig.mkdir()

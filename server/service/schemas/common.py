@@ -9,8 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from server.service.web.problems import problems
 
-SESSION_ID = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
-
 SessionId = Annotated[str, Path(max_length=100, description="Id of the session.", examples=["DEV-01"])]
 CaseId = Annotated[str, Path(max_length=100, description="Id of the load case.", examples=["c001"])]
 RevisionId = Annotated[str, Path(max_length=200, description="Id of the revision.")]

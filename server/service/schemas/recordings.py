@@ -6,9 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from daq.uplink.wire import SESSION_ID
 from daq.vocabulary import LARGEST_FACTOR
 from server.service.figures.answer import Theme
-from server.service.schemas.common import SESSION_ID, Form, Plain, Shown
+from server.service.schemas.common import Form, Plain, Shown
 from server.service.schemas.sessions import FolderFile, Name
 
 _FILES = [{"name": "run1.csv", "base64": "dCBbc107RnggW05d"}]

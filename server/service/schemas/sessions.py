@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from server.service.schemas.common import SESSION_ID, Form, Plain, Shown, Vector
+from daq.uplink.wire import SESSION_ID
+from server.service.schemas.common import Form, Plain, Shown, Vector
 from server.service.web.examples import EXAMPLES
 
 Span = Annotated[tuple[float, float], Field(strict=False, description="[start, end] in s of the session's readings.")]

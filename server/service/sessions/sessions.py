@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -11,6 +10,7 @@ from sqlalchemy import case, delete, exists, func, insert, select, update
 from daq.bench.record import STARTED
 from daq.errors import OutsideError
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
+from daq.uplink.wire import require_session_id
 from fingermodel.fingers.files import finger_from_dict
 from server.service.ingest.stored import raise_version
 from server.service.ingest.windows import Windows
@@ -24,9 +24,6 @@ from server.service.storage.messages import Messages, Telling
 from server.service.storage.purge import erase
 from server.service.storage.schema import edits, events, sessions, streams
 from server.service.web.problems import ProblemError, not_found, shortened
-
-# Goes into addresses and names of files that are exported.
-_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 # A session that is begun is new, there already, or deleted and brought back.
 Begun = Literal["new", "there", "back"]
@@ -61,14 +58,9 @@ class Sessions:
 
         Raises:
             ProblemError: 409 another session has the id, or had it.
-            InputError: the document cannot be used.
+            InputError: the id or the document cannot be used.
         """
-        if not _ID.fullmatch(name):
-            raise ProblemError(
-                422,
-                f"session id {shortened(name)!r}",
-                "letters, digits and . _ -, at most 100, a letter or digit first",
-            )
+        require_session_id(name)
         kept = None if document is None else self._sound(name, document)
         with self._messages.writing() as telling:
             connection = telling.connection

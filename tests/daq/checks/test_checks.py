@@ -114,6 +114,10 @@ def constant_moment(_: dict[str, Any], b: ReadingBlock) -> None:
     b.wrench[:, 4] = 1.5
 
 
+def spike(_: dict[str, Any], b: ReadingBlock) -> None:
+    b.wrench[np.searchsorted(b.t_s, sum(window(1)) / 2.0), 0] += 20.0
+
+
 def stick(_: dict[str, Any], b: ReadingBlock) -> None:
     b.wrench[1000:1300, 0] = b.wrench[1000, 0]
 
@@ -204,6 +208,7 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "constant moment": (constant_moment, "warning", "constant_channel"),
     "stuck": (stick, "warning", "stuck_channel"),
     "status": (flag, "warning", "status_flags"),
+    "wild reading": (spike, "warning", "wild_reading"),
     "flagged window": (flag, "warning", "flagged_window"),
     "outside": (case(loaded_s=[900.0, 903.0]), "error", "window_outside"),
     "cut off": (lambda _, b: cut(b, slice(0, 4300)), "error", "window_outside"),
@@ -244,6 +249,18 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "sd beside windows": (case(force_sd_N=0.1), "warning", "ignored_key"),
     "no weight": (case(masses_g={}), "note", "no_weight"),
 }
+
+
+def test_one_wild_reading_is_named_and_is_no_change_of_level(tmp_path: Path) -> None:
+    report = examined(tmp_path, spike)
+    assert {"wild_reading", "load_change"} & codes(report, "warning") == {"wild_reading"}
+    [found] = [f for f in report.findings if f.code == "wild_reading"]
+    assert f"Fx_N at {sum(window(1)) / 2.0:.3g}" in found.text
+
+
+def test_status_bits_of_gauges_are_told_where_no_manual_tells_them(tmp_path: Path) -> None:
+    [found] = [f for f in examined(tmp_path, flag).findings if f.code == "status_flags"]
+    assert "Of gauge volts, bit 0 is gauge 1 at the end of its range" in found.text
 
 
 @pytest.mark.parametrize("name", DEFECTS)

@@ -14,6 +14,8 @@ import pytest
 
 from daq.errors import JournalError
 from daq.journal.check import check, recover
+from daq.journal.export import export
+from daq.journal.replay import JournalReplay
 from daq.journal.wal import chained, log_file, read_log
 from daq.journal.writer import Journal, JournalReader
 from tests.daq.journal_writer import made_chunk
@@ -83,6 +85,34 @@ def test_every_altered_row_is_found_and_the_rest_recovered(path: Path, statement
     assert check(out).faults == ()
     with Journal.open(out, 0) as journal:
         assert [p.first_seq for p in journal.pending()] == wanted
+
+
+@pytest.mark.parametrize("first", [0, 3])
+def test_nothing_is_made_of_a_journal_whose_readings_have_a_hole_before_it_is_recovered(path: Path, first: int) -> None:
+    stream = written(path)
+    for number in (first, first + 1):
+        altered(path, "DELETE FROM chunks WHERE first_seq = ?", number * COUNT)
+    readings, recovered = path.with_name("out.csv"), path.with_name("out.journal")
+    said = f"{2 * COUNT} samples from {first * COUNT} on are missing; expected a journal with all its readings"
+    for use in (lambda: export(path, readings), lambda: JournalReplay(path)):
+        with pytest.raises(JournalError, match=said):
+            use()
+    assert not readings.exists()
+    # A recovery notes what is lost; what it noted is refused no more.
+    recover(path, recovered)
+    assert export(recovered, readings).samples == 8 * COUNT
+    altered(recovered, "UPDATE events SET value = 'nothing' WHERE kind = 'lost' AND stream = ?", stream)
+    with pytest.raises(JournalError, match=said):
+        export(recovered, readings)
+
+
+@pytest.mark.parametrize(("gone", "said"), [((1,), "event 1 is missing"), ((3, 4), "events 3 to 4 are missing")])
+def test_an_event_that_is_gone_is_found(path: Path, gone: tuple[int, ...], said: str) -> None:
+    written(path)
+    for number in gone:
+        altered(path, "DELETE FROM events WHERE id = ?", number)
+    [fault] = check(path).faults
+    assert (fault.kind, fault.text, fault.loses) == ("event", said, True)
 
 
 def test_a_chunk_under_another_stream_is_damaged(path: Path) -> None:

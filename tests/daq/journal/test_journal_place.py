@@ -66,15 +66,14 @@ def path(tmp_path: Path) -> Path:
     ],
 )
 def test_all_is_in_another_file_before_it_is_acknowledged(path: Path, lose: Callable[[Path], None], said: str) -> None:
-    told: list[str] = []
     beside = path.with_name("bench-2.journal")
     with Journal.create(path, "bench 1", 0) as journal:
-        journal.alarm = told.append
         stream, epoch = fill(journal, 5), journal.epoch
         journal.acknowledged(stream, 0)
         lose(path)
         assert journal.append(stream, made_chunk(5 * COUNT, COUNT)) == 6 * COUNT
-        [alarm] = told
+        code, alarm = journal.alarms.get_nowait()
+        assert (code, journal.alarms.empty()) == ("displaced", True)
         assert alarm.startswith(said)
         assert journal.path == beside
         # Another process finds it there, with all that was ever acknowledged, sent or not, and the events.

@@ -132,6 +132,24 @@ def test_a_failure_within_the_uplink_is_said_and_survived(journal: Journal, tmp_
     assert len(receiver.stored(session, stream)) == 1
 
 
+def test_a_session_that_the_service_does_not_begin_is_told_at_once_and_as_the_cause(journal: Journal) -> None:
+    def refusing(request: httpx.Request) -> httpx.Response:
+        if request.method == "POST":
+            return httpx.Response(422, json={"detail": "a finger of wood"})
+        return httpx.Response(404, json={"detail": "there is no session S"})
+
+    client = httpx.Client(base_url="http://service", transport=httpx.MockTransport(refusing))
+    uplink = Uplink(journal, "http://service", "S", client=client, begins=True)
+    journal.append(journal.add_stream("made", {}, {}), made(0, 30))
+    uplink.step()
+    refusal = "the service says 422 a finger of wood"
+    assert journal.alarms.get_nowait() == ("session_refused", f"session S was not begun: {refusal}")
+    uplink.step()
+    assert uplink.status().problem == f"{refusal}; the service says 404 there is no session S"
+    uplink.stop()
+    journal.close()
+
+
 @pytest.mark.parametrize("url", ["bench-pc:8000", "ftp://bench-pc", "", "http://", "http://a:b"])
 def test_no_address_is_said_in_one_line(journal: Journal, url: str) -> None:
     with pytest.raises(InputError, match="http://bench-pc:8000") as caught:
