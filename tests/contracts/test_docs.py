@@ -42,3 +42,15 @@ def test_files_that_a_developer_is_sent_to_are_there(guide: str) -> None:
     named = set(re.findall(r"`((?:daq|fingermodel|server|fingertwin|tests|data|docs)/[\w./-]*)`", text))
     assert len(named) > 10
     assert [path for path in sorted(named) if "NAME" not in path and not (ROOT / path).exists()] == []
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "friction factor", "setting", "mounting", "setup", "protocol", "stand-in", "blind", "superposition limit",
+        "in force", "closure", "fault of the session", "curve", "law", "left-out gain",
+    ],
+)  # fmt: skip
+def test_a_word_of_the_answers_and_pages_has_an_entry_in_the_glossary(word: str) -> None:
+    entries = re.findall(r"^### (.+)$", (ROOT / "docs/glossary.md").read_text("utf-8"), re.MULTILINE)
+    assert any(re.search(rf"\b{word}\b", entry.lower()) for entry in entries)
