@@ -7,8 +7,10 @@ import re
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from fingermodel.effects.catalogue import CATALOGUE
+from server.cli import app
 
 ROOT = Path(__file__).parents[2]
 GUIDES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "data/README.md"])
@@ -42,6 +44,14 @@ def test_files_that_a_developer_is_sent_to_are_there(guide: str) -> None:
     named = set(re.findall(r"`((?:daq|fingermodel|server|fingertwin|tests|data|docs)/[\w./-]*)`", text))
     assert len(named) > 10
     assert [path for path in sorted(named) if "NAME" not in path and not (ROOT / path).exists()] == []
+
+
+def test_every_command_is_in_the_readme() -> None:
+    table = (ROOT / "README.md").read_text("utf-8").partition("## Commands")[2].partition("\n## ")[0]
+    named = set(re.findall(r"`(?:fingertwin )?([a-z-]+)", table))
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    assert len(commands) > 20
+    assert [name for name in commands if name not in named] == []
 
 
 @pytest.mark.parametrize(
