@@ -236,11 +236,12 @@ def add(
 @app.command(rich_help_panel=SESSION)
 def effects(
     name: Annotated[
-        str | None, typer.Argument(autocompletion=effects_like, help="Name one effect; by default all are listed.")
+        str | None,
+        typer.Argument(autocompletion=effects_like, help="Name one effect or its file; by default all are listed."),
     ] = None,
     json: Json = None,
 ) -> None:
-    """Show the catalogue: formula, parameters, units, ranges, source."""
+    """Show effects: formula, parameters, units, ranges, source."""
     from server.commands.additions import show_effects
 
     show_effects(name, json)

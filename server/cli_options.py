@@ -44,10 +44,11 @@ def sessions_like(incomplete: str) -> list[str]:
 
 
 def effects_like(incomplete: str) -> list[str]:
-    """Return names of effects of the catalogue, and of sessions, for the shell to complete."""
+    """Return names of effects, and of sessions, for the shell to complete."""
     from fingermodel.effects.catalogue import EFFECTS
+    from fingermodel.effects.user import shipped_effects
 
-    return [name for name in EFFECTS if name.startswith(incomplete)] + sessions_like(incomplete)
+    return [name for name in (*EFFECTS, *shipped_effects()) if name.startswith(incomplete)] + sessions_like(incomplete)
 
 
 def _writable_file(ctx: typer.Context, file: str | None) -> str | None:

@@ -1,4 +1,6 @@
-"""Lay a notebook onto the plateaus of a recording, in order: with tares, repeats, and what was forgotten or never read.
+"""Lay a notebook onto the plateaus of a recording, in order: with tares, and what was forgotten or never read.
+
+No line lies on two plateaus: a load that nobody wrote down is left out.
 
 Of all ways to lay it, that of least cost is taken. A load costs what its force lies off the force per mass that the
 same load has elsewhere; a tare, what it lies off the tare before; to leave out a plateau or a line costs more than one
@@ -23,7 +25,7 @@ from daq.recordings.plateaus import TOLERANCE
 
 Floats = NDArray[np.float64]
 
-_LEFT_OUT, _NOT_FOUND, _EXTRA_REPEAT = 3.0, 3.5, 2.5
+_LEFT_OUT, _NOT_FOUND = 3.0, 3.5
 # What it costs that a tare or what was left out makes no plateau, or that a tap or an unloading makes none of its own.
 _UNSEEN, _TAP, _UNLOADED = 0.3, 0.7, 0.9
 # Force per mass before other loads tell it [N/g]; and its spread, as a share, where they do.
@@ -54,7 +56,6 @@ class Laid:
         kind: load, tare or skip.
         note: index of the line, None of a tare that no line names and of what is left out.
         tare: index of the plateau that is the load's tare, None for others.
-        repeat: it is one more of the line before, which names fewer.
         sure: from 0 to 1.
     """
 
@@ -62,7 +63,6 @@ class Laid:
     kind: str
     note: int | None
     tare: int | None
-    repeat: bool
     sure: float
 
 
@@ -80,7 +80,6 @@ class _Choice(NamedTuple):
     kind: str
     line: int
     tare: int
-    repeat: bool
 
 
 class _Past(NamedTuple):
@@ -122,7 +121,7 @@ def lay(levels: Sequence[Level], notes: Sequence[Note]) -> Layout:
         line = choice.line if choice.line >= 0 else None
         tare = choice.tare if choice.kind == "load" else None
         sure = round(1.0 - math.exp(-max(other - best_cost, 0.0)), 2)
-        plateaus.append(Laid(i, choice.kind, line, tare, choice.repeat, sure))
+        plateaus.append(Laid(i, choice.kind, line, tare, sure))
     found = {laid.note for laid in plateaus}
     lost = tuple(i for i in range(len(notes)) if i not in found)
     return Layout(tuple(_doubted(plateaus, notes, lost)), lost)
@@ -144,7 +143,7 @@ def _doubted(plateaus: Sequence[Laid], notes: Sequence[Note], lost: Sequence[int
     doubtful = set[int]()
     for i, laid in enumerate(plateaus):
         useless = laid.kind == "tare" and i + 1 < len(plateaus) and plateaus[i + 1].kind == "tare"
-        if (laid.kind == "skip" and laid.note is None) or laid.repeat or useless:
+        if (laid.kind == "skip" and laid.note is None) or useless:
             doubtful |= {at[i], later[i], later[i] + 1}
     lines = {laid.note: at[i] for i, laid in enumerate(plateaus) if laid.note is not None}
     for line in (i for i in lost if notes[i].kind == "load" and not _only_moved(notes[i])):
@@ -247,10 +246,10 @@ def _choices(
     """Yield the possible meanings of a plateau, their costs, and the block whose tare holds from then on."""
     line, tare, block = state.line, state.tare, state.block
     note = notes[line] if line < len(notes) else None
-    yield _Choice("skip", -1, tare, False), _LEFT_OUT, block
+    yield _Choice("skip", -1, tare), _LEFT_OUT, block
     if note is not None and note.kind != "load":
         held = level if note.kind == "tare" else tare
-        yield _Choice(note.kind, line, held, False), 0.0, ("", "") if note.kind == "tare" else block
+        yield _Choice(note.kind, line, held), 0.0, ("", "") if note.kind == "tare" else block
     ahead = next((n for n in notes[line:] if n.kind == "load"), None)
     wanted = block if ahead is None else ahead.block
     # Of a new block nothing is known of the tare; of the same one it lies where it lay.
@@ -261,7 +260,7 @@ def _choices(
     cost = min(max(off - _SAME, 0.0), _MOST_TARE) + (1.5 * _LEFT_OUT if unusual else 0.05)
     # A block begins with its tare rather than with something left out.
     cost += 1.0 if last == "skip" and wanted != block else 0.0
-    yield _Choice("tare", -1, level, False), cost, wanted
+    yield _Choice("tare", -1, level), cost, wanted
     skipped = _SKIPPED_TARE if between and last == "load" else 0.0
     if tare < 0:
         return
@@ -272,10 +271,7 @@ def _choices(
         else:  # friction alone changes what the same weights do
             own, moved = distance(level, tare), distance(level, hung)
             cost = min(moved / max(_FRICTION * own, _SAME), _MOST_MOVED)
-        yield _Choice("load", line, tare, False), cost + skipped, note.block
-    before = next((i for i in range(line - 1, -1, -1) if notes[i].kind == "load"), None)
-    if before is not None and block == notes[before].block:
-        yield _Choice("load", before, tare, True), off_load(level, tare, before) + _EXTRA_REPEAT + skipped, block
+        yield _Choice("load", line, tare), cost + skipped, note.block
 
 
 def _hung_before(level: int, state: _State, notes: Sequence[Note]) -> int | None:

@@ -39,7 +39,7 @@ _PAIRS = 1 << 12
 
 @dataclass(frozen=True)
 class LaidNotes:
-    """Plateaus, what each is taken for, and a sentence for every load of the notebook that was found on none."""
+    """Plateaus, what each is taken for, and sentences on loads that were found on none and plateaus without a line."""
 
     levels: tuple[Level, ...]
     choices: list[Choice]
@@ -104,7 +104,11 @@ def lay_notes(levels: tuple[Level, ...], notes: Sequence[Note]) -> LaidNotes:
     layout = lay(levels, notes)
     loads = (notes[i] for i in layout.not_found if notes[i].kind == "load")
     lost = [f"line {note.line} was found on no plateau: {said(note)}" for note in loads]
-    unnamed = [str(laid.level + 1) for laid in layout.plateaus if laid.kind == "skip" and laid.note is None]
+    unnamed = [
+        "{} ({:g} to {:g} s)".format(laid.level + 1, *levels[laid.level].window_s)
+        for laid in layout.plateaus
+        if laid.kind == "skip" and laid.note is None
+    ]
     if unnamed:
         lost.append(f"no line of the notebook names plateau {', '.join(unnamed)}: left out")
     return LaidNotes(levels, chosen(layout, notes), lost)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
 from daq.files import require_writable
@@ -11,6 +11,7 @@ from daq.quoting import quoted
 from daq.sessions import require_once
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
 from fingermodel.effects.formula_tree import near
+from fingermodel.effects.user import shipped_effects
 from fingermodel.model_files import free_path, require_new
 from fingermodel.revisions import save_revision
 from fingermodel.session import Session
@@ -19,6 +20,9 @@ from server.application.catalogue import effect_row
 from server.application.drawing import draw_comparison
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import print_fall, print_fit, say_first
+
+if TYPE_CHECKING:
+    from fingermodel.stages import Effect
 
 
 def add_to_sessions(
@@ -126,26 +130,43 @@ def print_history(history: list[dict[str, Any]]) -> None:
     )
 
 
+def _effect_of(name: str) -> Effect:
+    if name in EFFECTS:
+        return EFFECTS[name]
+    _, own = resolved_effects([name])
+    if not own:
+        known = [*EFFECTS, *shipped_effects()]
+        raise InputError(f"no effect {name!r}", f"one of {', '.join(known)}, or a file", near(name, known))
+    return own[0]
+
+
+def _list_effects(json: str | None) -> None:
+    _, ready_made = resolved_effects(shipped_effects())
+    listed = {"effects": CATALOGUE, "ready_made": ready_made}
+    rows = {key: [effect_row(effect) for effect in effects] for key, effects in listed.items()}
+    if answer("effects", rows, json):
+        return
+    for title, key in (("Catalogue of effects", "effects"), ("Ready-made, beside the catalogue", "ready_made")):
+        table(title, ["name", "stage", "what happens"], [[r["name"], r["stage"], r["title"]] for r in rows[key]])
+    say("fingertwin effects NAME shows formula, parameters, ranges and source; NAME may be a file of your own.")
+
+
 def show_effects(name: str | None, json: str | None) -> None:
-    """List the catalogue, or show one effect whole."""
-    if name is not None and name not in EFFECTS:
-        raise InputError(f"no effect {name!r}", f"one of {', '.join(EFFECTS)}", near(name, EFFECTS))
-    chosen = CATALOGUE if name is None else (EFFECTS[name],)
-    rows = [effect_row(effect) for effect in chosen]
-    if answer("effects", {"effects": rows}, json):
-        return
+    """List the catalogue and the ready-made effects, or show one effect whole: whatever `add` takes.
+
+    Raises:
+        InputError: there is no such effect, or its file cannot be used.
+    """
     if name is None:
-        table(
-            "Catalogue of effects",
-            ["name", "stage", "what happens"],
-            [[r["name"], r["stage"], r["title"]] for r in rows],
-        )
-        say("fingertwin effects NAME shows formula, parameters, ranges and source.")
+        _list_effects(json)
         return
-    row = rows[0]
+    row = effect_row(_effect_of(name))
+    if answer("effects", {"effects": [row]}, json):
+        return
     say(f"{row['name']} ({row['stage']}): {row['title']}")
     say(f"  formula: {row['formula']}")
-    say(f"  given away by: {row['tell']}")
+    if row["tell"]:
+        say(f"  given away by: {row['tell']}")
     say(f"  source: {row['source']}")
     if row["rests_on_clamp_assumption"]:
         say("  only out-of-plane forces support it, which a real clamp carries in part")

@@ -113,6 +113,12 @@ def new_session(options: NewOptions, json: str | None) -> None:
             _postures(options, [n.posture for n in notes if n.kind == "load"], finger, asking)
         with progress("Laying the notebook onto the plateaus"):
             laid = lay_notes(levels, notes)
+        if laid.lost and not asking and not options.yes:
+            raise InputError(
+                "; ".join(laid.lost),
+                "a line for each plateau under load, in order; 'skip' for one that is to be left out",
+                "Correct the notebook there or nearby, or give --yes to leave out what has no counterpart",
+            )
         if json != "-":
             _show(laid.levels, laid.choices)
         if asking:

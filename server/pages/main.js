@@ -15,15 +15,18 @@ const INNER = {
   effect: ["An effect", () => import("./views/effect.js"), "find"],
   report: ["Report", () => import("./views/report.js"), "fall"],
 };
+// Pages of no session: the third is the name in the menu, without which the list of sessions leads there.
 const OTHERS = {
-  "": ["Sessions", () => import("./views/sessions.js")],
+  "": ["Sessions", () => import("./views/sessions.js"), "Sessions"],
   new: ["New session from a recording", () => import("./views/new.js")],
-  together: ["Several sessions together", () => import("./views/together.js")],
-  fingers: ["Fingers", () => import("./views/fingers.js")],
-  studies: ["Published studies", () => import("./views/studies.js")],
-  audit: ["Who changed what", () => import("./views/audit.js")],
-  help: ["Help", () => import("./views/help.js")],
+  together: ["Several sessions together", () => import("./views/together.js"), "Together"],
+  fingers: ["Fingers", () => import("./views/fingers.js"), "Fingers"],
+  studies: ["Published studies", () => import("./views/studies.js"), "Studies"],
+  audit: ["Who changed what", () => import("./views/audit.js"), "Changes"],
+  help: ["Help", () => import("./views/help.js"), "Help"],
 };
+// Left out of the menu in a session, whose own pages fill it.
+const ELSEWHERE = ["audit"];
 
 let shown = null;
 let live = null;
@@ -41,15 +44,13 @@ function where() {
 
 function navigation({ session, view }) {
   const link = (href, title, current) => el("a", { href, "aria-current": current ? "page" : null }, title);
-  fill(document.getElementById("nav"),
-    link("#/", "Sessions", !session && (view === "" || view === "new")),
+  const now = OTHERS[view] && !OTHERS[view][2] ? "" : view;
+  const [sessions, ...others] = Object.entries(OTHERS).filter(([name, [, , title]]) => title && !(session && ELSEWHERE.includes(name)))
+    .map(([name, [, , title]]) => link(`#/${name}`, title, !session && name === now));
+  fill(document.getElementById("nav"), sessions,
     session ? Object.entries(VIEWS).map(([name, [title]]) =>
       link(`#/sessions/${encodeURIComponent(session)}/${name}`, title, name === (INNER[view]?.[2] || view))) : null,
-    link("#/together", "Together", !session && view === "together"),
-    link("#/fingers", "Fingers", !session && view === "fingers"),
-    link("#/studies", "Studies", !session && view === "studies"),
-    session ? null : link("#/audit", "Changes", view === "audit"),
-    link("#/help", "Help", !session && view === "help"));
+    others);
 }
 
 export function linkState(text, away = false) {

@@ -297,6 +297,35 @@ def test_every_page_can_be_used_by_anybody(browser: Any, url: str, path: str) ->
     seen.page.close()
 
 
+def test_a_page_that_is_declared_is_in_the_menu(browser: Any, url: str) -> None:
+    """In order, each leading to itself and marked there; a page of one line more as well."""
+    seen = watched(browser, url)
+
+    def with_one_more(route: Any) -> None:
+        body = route.fetch().text()
+        one_more = '  tare: ["Count of sessions", () => import("./views/help.js"), "Count"],\n  help: ['
+        assert body.count("  help: [") == 1
+        route.fulfill(body=body.replace("  help: [", one_more), content_type="text/javascript")
+
+    seen.page.route("**/main.js*", with_one_more)
+    seen.open("help", "Help")
+    names = ["Sessions", "Together", "Fingers", "Studies", "Changes", "Count", "Help"]
+    menu = seen.page.locator("#nav a")
+    assert menu.all_inner_texts() == names
+    for name in names:
+        menu.get_by_text(name, exact=True).click()
+        seen.page.locator("#nav a[aria-current=page]", has_text=name).wait_for()
+        assert seen.page.locator("#nav a[aria-current=page]").count() == 1
+    assert seen.page.title() == "Help – fingertwin"
+    seen.page.goto(f"{url}/#/new")
+    seen.page.locator("#nav a[aria-current=page]", has_text="Sessions").wait_for()
+    seen.open(f"sessions/{EMPTY}/compare", EMPTY)
+    of_session = ["Sessions", "Bench", "Compare", "Forces", "Find the missing effect", "The fall of the error"]
+    assert menu.all_inner_texts() == [*of_session, "Together", "Fingers", "Studies", "Count", "Help"]
+    assert seen.page.locator("#nav a[aria-current=page]").all_inner_texts() == ["Compare"]
+    seen.page.close()
+
+
 def test_figures_fill_their_place_and_follow_the_window(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/compare", f"{SESSION}: predicted against measured")
     seen.drawn()

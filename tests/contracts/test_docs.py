@@ -7,8 +7,10 @@ import re
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from fingermodel.effects.catalogue import CATALOGUE
+from server.cli import app
 
 ROOT = Path(__file__).parents[2]
 GUIDES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "data/README.md"])
@@ -42,3 +44,23 @@ def test_files_that_a_developer_is_sent_to_are_there(guide: str) -> None:
     named = set(re.findall(r"`((?:daq|fingermodel|server|fingertwin|tests|data|docs)/[\w./-]*)`", text))
     assert len(named) > 10
     assert [path for path in sorted(named) if "NAME" not in path and not (ROOT / path).exists()] == []
+
+
+def test_every_command_is_in_the_readme() -> None:
+    table = (ROOT / "README.md").read_text("utf-8").partition("## Commands")[2].partition("\n## ")[0]
+    named = set(re.findall(r"`(?:fingertwin )?([a-z-]+)", table))
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    assert len(commands) > 20
+    assert [name for name in commands if name not in named] == []
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "friction factor", "setting", "mounting", "setup", "protocol", "stand-in", "blind", "superposition limit",
+        "in force", "closure", "fault of the session", "curve", "law", "left-out gain",
+    ],
+)  # fmt: skip
+def test_a_word_of_the_answers_and_pages_has_an_entry_in_the_glossary(word: str) -> None:
+    entries = re.findall(r"^### (.+)$", (ROOT / "docs/glossary.md").read_text("utf-8"), re.MULTILINE)
+    assert any(re.search(rf"\b{word}\b", entry.lower()) for entry in entries)

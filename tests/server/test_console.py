@@ -96,3 +96,4 @@ def test_help_names_every_command_in_a_group_with_a_whole_sentence() -> None:
 def test_the_shell_completes_sessions_and_effects() -> None:
     assert "DEV-02" in sessions_like("DEV")
     assert effects_like("hanger") == ["hanger_mass"]
+    assert effects_like("force") == ["force_shunt"]

@@ -15,7 +15,7 @@ import yaml
 from fingermodel.api import Diagnosis, diagnose
 from fingermodel.diagnosis.verdict.changes import Amend
 from fingermodel.effects.catalogue import CATALOGUE
-from fingermodel.effects.user import effect_document, load_effect
+from fingermodel.effects.user import effect_document, load_effect, shipped_effects
 from fingermodel.session import Session
 from server.application.refitting import refit_compared
 from server.commands.additions import moved, print_history
@@ -187,6 +187,25 @@ def test_the_catalogue_is_shown_whole() -> None:
     assert "capstan" in run("effects", "sheath_friction").out.lower() or "exp(" in run("effects", "sheath_friction").out
 
 
+def test_every_effect_that_can_be_added_can_be_looked_up(tmp_path: Path) -> None:
+    listed = run("effects").out
+    ready_made = run("effects", "--json", "-").body("effects")["ready_made"]
+    assert {effect["name"] for effect in ready_made} == set(shipped_effects())
+    for effect in ready_made:
+        assert effect["name"] in listed
+        assert run("effects", effect["name"], "--json", "-").body("effects")["effects"] == [effect]
+        assert all(parameter["name"] in run("effects", effect["name"]).out for parameter in effect["parameters"])
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "format: fingertwin-effect/1\nname: mine\ntitle: own\nsource: own\n"
+        "formula: torque[PIP] += k * t_EDC\nparameters:\n  k: {unit: mm, range: [0, 5]}\n",
+        encoding="utf-8",
+    )
+    assert "mine.k" in run("effects", file).out
+    assert "torque[PIP] += k * t_EDC" in run("effects", "torque[PIP] += k * t_EDC").out
+    assert "no effect file" in run("effects", tmp_path / "nowhere.yaml").err
+
+
 def test_next_ranks_cases_and_freezes_them(tmp_path: Path) -> None:
     out = tmp_path / "frozen.json"
     body = run("next", "DEV-02", "--freeze", "--out", out, "--json", "-").body("next")
@@ -212,7 +231,8 @@ def test_next_ranks_cases_and_freezes_them(tmp_path: Path) -> None:
             ("add", "DEV-01", "--without", "hanger_mass"),
             "to take out; expected a model with an effect: this one has none.",
         ),
-        (("effects", "hangermass"), "hanger_mass"),
+        (("effects", "hangermass"), "Did you mean hanger_mass?"),
+        (("effects", "force_shnt"), "Did you mean force_shunt?"),
     ],
 )
 def test_bad_input_is_one_clear_line(

@@ -74,6 +74,45 @@ def test_the_pause_between_two_recordings_is_no_gap(lab: Path, tmp_path: Path) -
     assert ("time_jump" in codes, "gaps" in codes) == (True, False)
 
 
+@pytest.mark.parametrize("forgotten", [0, 5])
+def test_a_forgotten_line_makes_no_session_unless_what_it_leaves_is_to_be_left_out(
+    forgotten: int, tmp_path: Path
+) -> None:
+    files = data_dir() / "recordings"
+    lines = [
+        "FDP 380, hook, tip", "FDP 950, hook, tip", "FDS 380, hook, tip", "FDS 950, hook, tip",
+        "FDP 285 + FDS 285, hook, bone", "FDP 665 + FDS 665, hook, bone",
+    ]  # fmt: skip
+    notes = tmp_path / "notes.txt"
+
+    def made(name: str, *more: object) -> list[object]:
+        return ["new", files / "rig.csv", "--notes", notes, "--out", tmp_path / name, *more]
+
+    setup: dict[str, object] = {"format": "bench-setup/1", "finger": "an1979_middle", "tension_factor": 0.835}
+    setup["specimen"] = {"id": "S01", "species": "human", "digit": "third", "side": "left"}
+    (tmp_path / "setup.yaml").write_text(yaml.safe_dump(setup), "utf-8")
+    rig = ["--setup", tmp_path / "setup.yaml", "--posture", "hook: MCP 0 PIP 65 DIP 50"]
+    notes.write_text("\n".join(lines), "utf-8")
+    answered(*made("whole", *rig, "--yes"))
+    # The mapping is confirmed, so that all is known without --yes.
+    like = ["--like", tmp_path / "whole"]
+    assert answered(*made("again", *like))["cases"] == 6
+    notes.write_text("\n".join([*lines, "FDP 100"]), "utf-8")
+    assert "was found on no plateau: FDP" in refused(*made("more", *like))
+    notes.write_text("\n".join(line for i, line in enumerate(lines) if i != forgotten), "utf-8")
+    plateau = {0: "2 (4.98 to 8.34 s)", 5: "8 (32.22 to 35.58 s)"}[forgotten]
+    unnamed = f"no line of the notebook names plateau {plateau}: left out"
+    assert f"{unnamed}; expected a line for each plateau under load" in refused(*made("fewer", *like))
+    assert not (tmp_path / "more").exists()
+    assert not (tmp_path / "fewer").exists()
+    body = answered(*made("fewer", *like, "--yes"))
+    assert (body["cases"], unnamed in body["notes"]) == (5, True)
+    right = [case for i, case in enumerate(read_session(tmp_path / "whole").cases) if i != forgotten]
+    for case, other in zip(read_session(tmp_path / "fewer").cases, right, strict=True):
+        assert (case.masses_g, case.location) == (other.masses_g, other.location)
+        assert (case.unloaded_s, case.loaded_s) == (other.unloaded_s, other.loaded_s)
+
+
 def test_a_finger_of_ones_own_goes_along(lab: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig"
     rig.mkdir()

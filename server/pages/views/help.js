@@ -28,6 +28,8 @@ export async function view(main, { asked }) {
       ["window", "The stretch of readings that is averaged: once with the weight on, once without."],
       ["tip, bone", "Where the load cell is: at the fingertip (axes of the distal phalanx) or at the clamped bone (axes of the metacarpal)."],
       ["revision", "A fitted state of a specimen's model, with what it came from."],
+      ["in force", "Of a specimen's revisions, its current model: the one made last, until an older one is put in force again."],
+      ["blind", "A validation case whose prediction nobody sees before the session is closed."],
     ].map(([word, text]) => [el("dt", {}, word), el("dd", {}, text)])), el("p", {}, "Axes: x proximal, y dorsal, z radial. A reading is the force that the finger exerts on the cell.")),
     panel("Keys", el("ul", {}, el("li", {}, el("kbd", {}, "Tab"), " and ", el("kbd", {}, "Enter"), " reach everything; rows of tables open with ", el("kbd", {}, "Enter"), "."),
       el("li", {}, el("kbd", {}, "←"), " and ", el("kbd", {}, "→"), " step through the fall of the error."))),
