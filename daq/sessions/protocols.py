@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from daq.documents import Document, read_document, validated
 from daq.errors import InputError
 from daq.locations import data_dir
+from daq.sessions.faults import require_posture
 
 Mass = Annotated[float, Field(ge=0, le=1e6)]
 Action = Literal["load", "overload", "unload", "tap"]
@@ -153,7 +154,7 @@ def read_protocol(name_or_path: str, folder: Path | None = None) -> Protocol:
         folder: of the session that names the protocol.
 
     Raises:
-        InputError: no such protocol, or one that does not meet the format.
+        InputError: no such protocol, one that does not meet the format, or a posture that no session can have.
     """
     path = Path(name_or_path)
     if folder is not None and (folder / name_or_path).is_file():
@@ -164,6 +165,8 @@ def read_protocol(name_or_path: str, folder: Path | None = None) -> Protocol:
         raise InputError(f"no protocol {name_or_path!r}", f"a file, or one of {', '.join(protocol_names())}")
     wanted = "a protocol/1 file"
     protocol = validated(Protocol, read_document(path, wanted), path.name, wanted)
+    for name, angles in protocol.postures_deg.items():
+        require_posture(name, angles)
     for block in protocol.blocks:
         for posture in block.postures:
             if posture not in protocol.postures_deg:

@@ -14,7 +14,7 @@ from daq.files import replacing
 from daq.lab.notebook import Note
 from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.vocabulary import did_you_mean
-from fingermodel.comparison.observations import posture_rad
+from fingermodel.comparison.observations import posture_rad, require_determined
 from fingermodel.fingers.finger import Finger
 from server.figures.bench_sheet import write_bench_sheet
 
@@ -82,7 +82,7 @@ def require_fits(protocol: Protocol, finger: Finger) -> None:
     """Refuse a protocol that a finger cannot be loaded by.
 
     Raises:
-        InputError: a tendon or an angle that the finger does not have.
+        InputError: a tendon or an angle that the finger does not have, or a posture that leaves it straight.
     """
     for tendon in protocol.heaviest_g():
         if tendon not in finger.topology.muscles:
@@ -91,8 +91,8 @@ def require_fits(protocol: Protocol, finger: Finger) -> None:
                 f"of {' '.join(finger.topology.muscles)}",
                 did_you_mean(tendon, finger.topology.muscles),
             )
-    for name, angles in protocol.postures_deg.items():
-        posture_rad(finger.topology, angles, f"posture {name}")
+    postures = protocol.postures_deg.items()
+    require_determined(finger, {name: posture_rad(finger.topology, a, f"posture {name}") for name, a in postures})
 
 
 def notes_of_plan(cases: Sequence[PlannedCase]) -> str:

@@ -109,6 +109,16 @@ def test_the_shipped_protocols_repeat_and_tell_friction() -> None:
     assert len(read["tip"]) == 2 * 5 * 3
 
 
+def test_a_posture_that_no_session_can_have_is_refused_before_the_bench(tmp_path: Path) -> None:
+    for angles, said in (
+        ({"MCP": 0, "PIP": 200, "DIP": 50}, "hook.PIP is 200; expected an angle within"),
+        ({"MCP": 0}, "lacks"),
+    ):
+        (tmp_path / "p.yaml").write_text(yaml.safe_dump(PROTOCOL | {"postures_deg": {"hook": angles}}))
+        with pytest.raises(InputError, match=said):
+            read_protocol(str(tmp_path / "p.yaml"))
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
