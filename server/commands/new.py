@@ -86,16 +86,17 @@ def new_session(options: NewOptions, json: str | None) -> None:
         raise InputError(f"{options.out.name} has a session already", "a new folder", "Choose another --out")
     asking = not options.yes and at_terminal(json)
     header, own_finger = _known_header(options)
+    notebook = _notebook(options)  # a file that is not there is said before anything is asked
     lacks = [key for key in REQUIRED if key not in header]
-    if lacks and not asking:
-        raise InputError(
-            f"{', '.join(lacks)} not known",
-            "what no recording tells",
-            "Give --setup FILE (bench-setup/1), or --like an earlier session of the rig",
-        )
     rate_hz = (header.get("load_cell") or {}).get("rate_hz")
     with ExitStack() as held:
         recordings = [held.enter_context(as_recording(path)) for path in options.recordings]
+        if lacks and not asking:
+            raise InputError(
+                f"{', '.join(lacks)} not known",
+                "what no recording tells",
+                "Give --setup FILE (bench-setup/1), or --like an earlier session of the rig",
+            )
         mapping = _mapping(options, recordings, rate_hz, asking)
         with progress("Reading"):
             readings = held.enter_context(joined(recordings, mapping))
@@ -108,7 +109,7 @@ def new_session(options: NewOptions, json: str | None) -> None:
             header |= _ask_header([*lacks, *([] if "load_cell" in header else ["load_cell"])])
             own_finger = own_finger or _file_of(header["finger"], None)
         finger = read_finger(own_finger or header["finger"])
-        notes = _notes(options, finger.topology.muscles, asking)
+        notes = _notes(notebook, finger.topology.muscles, asking)
         if not asking:  # what will be missing is said before the work is done
             _postures(options, [n.posture for n in notes if n.kind == "load"], finger, asking)
         with progress("Laying the notebook onto the plateaus"):
@@ -258,17 +259,22 @@ def _mapping(options: NewOptions, recordings: Sequence[Path], rate_hz: float | N
     return proposal.model_copy(update={"confirmed": True})
 
 
-def _notes(options: NewOptions, tendons: Sequence[str], asking: bool) -> tuple[Note, ...]:
-    if options.notes is not None:
-        wanted = "a notebook as text or CSV"
-        try:
-            text = sys.stdin.read() if str(options.notes) == "-" else read_text(options.notes, wanted)
-        except UnicodeDecodeError as error:
-            raise InputError("standard input is not UTF-8 text", f"{wanted} in UTF-8", "Save it as UTF-8") from error
-    elif asking:
+def _notebook(options: NewOptions) -> str | None:
+    """Return the text of the notebook; None where none was given."""
+    if options.notes is None:
+        return None
+    wanted = "a notebook as text or CSV"
+    try:
+        return sys.stdin.read() if str(options.notes) == "-" else read_text(options.notes, wanted)
+    except UnicodeDecodeError as error:
+        raise InputError("standard input is not UTF-8 text", f"{wanted} in UTF-8", "Save it as UTF-8") from error
+
+
+def _notes(text: str | None, tendons: Sequence[str], asking: bool) -> tuple[Note, ...]:
+    if text is None and asking:
         example = "What hung, line by line, such as 'FDP 950, hook, tip'; masses in g; 'tare' where you noted one"
         text = lines(example, lambda typed, whole: notes_of(typed, tendons, whole))
-    else:
+    if text is None:
         raise InputError("no notebook", "--notes FILE with lines such as 'FDP 950, hook, tip'")
     return notes_of(text, tendons)
 

@@ -114,6 +114,12 @@ def test_a_dialogue_that_is_left_keeps_nothing(
     assert not (tmp_path / "s").exists()
 
 
+def test_nothing_is_asked_where_the_notebook_is_not_there(lab: Path, tmp_path: Path) -> None:
+    code, shown, err = answering([], "new", lab / "rig.csv", "--notes", tmp_path / "nots.txt", "--out", tmp_path / "s")
+    assert (code, shown.strip()) == (2, "")
+    assert "nots.txt cannot be read" in err
+
+
 def nameless(lab: Path, target: Path, time: bool = True) -> Path:
     """The recording with six names that tell nothing, and no units; also without its time."""
     rows = [line.split(";") for line in (lab / "rig.csv").read_text("cp1252").splitlines()[1:]]

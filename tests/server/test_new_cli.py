@@ -160,6 +160,14 @@ def test_what_cannot_be_known_is_asked_for_and_never_assumed(
     assert not (tmp_path / "s").exists()
 
 
+def test_a_file_that_is_not_there_is_told_before_what_no_file_tells(lab: Path, tmp_path: Path) -> None:
+    for recording, notebook, said in (
+        ("rig.csv", "nots.txt", "nots.txt cannot"),
+        ("rg.csv", "notes.txt", "rg.csv cannot"),
+    ):
+        assert said in refused("new", lab / recording, "--notes", lab / notebook, "--out", tmp_path / "s", "--yes")
+
+
 def test_faults_of_notebook_and_recording_are_one_line(lab: Path, tmp_path: Path) -> None:
     rest = ["--setup", lab / "setup.yaml", "--posture", POSTURE, "--yes", "--out", tmp_path / "s"]
     wrong = tmp_path / "notes.txt"
