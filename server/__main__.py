@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 
-from server.leaving import leave
+from server.leaving import INTERRUPTED_CODE, end, leave
 
 
 def main() -> None:
@@ -17,7 +17,12 @@ def main() -> None:
 
     if heeded:
         signal.signal(signal.SIGINT, handled)
-    run()
+    try:
+        run()
+    except SystemExit as ended:
+        if ended.code == INTERRUPTED_CODE:
+            end()
+        raise
 
 
 if __name__ == "__main__":

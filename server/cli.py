@@ -27,7 +27,7 @@ from server.cli_options import (
 )
 from server.commands.console import refuse_useless
 from server.interrupts import lost_interrupts_repeated
-from server.leaving import INTERRUPTED
+from server.leaving import INTERRUPTED, INTERRUPTED_CODE
 
 # Its commands are there once it is imported.
 __all__ = ["app", "cli_bench", "cli_fingers", "cli_service", "cli_studies", "main"]
@@ -321,7 +321,7 @@ def main() -> None:
         # Typer ends with 1 where the reader of our output has gone: nothing is wrong.
         raise SystemExit(0 if isinstance(ended.__context__, BrokenPipeError) else ended.code) from None
     except (KeyboardInterrupt, typer.Abort):
-        _fail(INTERRUPTED, 130)
+        _fail(INTERRUPTED, INTERRUPTED_CODE)
     except BrokenPipeError:
         # The reader of our output has gone: nothing is wrong, and nothing more can be said.
         sys.stderr.close()
@@ -329,8 +329,8 @@ def main() -> None:
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
         _fail(f"{error.strerror or error}{where}. Check the path, its rights and the space left.", 2)
-    if code == 130:  # Typer makes Ctrl-C within a command an exit code
-        _fail(INTERRUPTED, 130)
+    if code == INTERRUPTED_CODE:  # Typer makes Ctrl-C within a command an exit code
+        _fail(INTERRUPTED, INTERRUPTED_CODE)
     raise SystemExit(code if isinstance(code, int) else 0)
 
 

@@ -115,3 +115,20 @@ def test_an_interrupt_while_the_command_starts_is_one_line(delay_s: float) -> No
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (130, "", 1)
     assert done.stderr.startswith("fingertwin: Interrupted")
+
+
+def test_an_interrupted_command_ends_with_all_that_it_said_and_runs_nothing_more() -> None:
+    """The end of the interpreter crashed about every third time, where JAX had been compiling."""
+    code = (
+        "import atexit, os, sys, server.__main__, server.commands.twin as twin\n"
+        "def interrupt(*_, **__):\n"
+        "    print('so far')\n"
+        "    raise KeyboardInterrupt\n"
+        "twin.Session.open = interrupt\n"
+        "atexit.register(os.abort)\n"
+        "sys.argv = ['fingertwin', 'refit', 'DEV-02']\n"
+        "server.__main__.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (130, "so far\n", 1)
+    assert done.stderr.startswith("fingertwin: Interrupted")
