@@ -64,3 +64,9 @@ def test_every_command_is_in_the_readme() -> None:
 def test_a_word_of_the_answers_and_pages_has_an_entry_in_the_glossary(word: str) -> None:
     entries = re.findall(r"^### (.+)$", (ROOT / "docs/glossary.md").read_text("utf-8"), re.MULTILINE)
     assert any(re.search(rf"\b{word}\b", entry.lower()) for entry in entries)
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs/reference").glob("*.md")), ids=lambda p: p.name)
+def test_what_a_source_page_links_to_has_its_place_in_the_reference(page: Path) -> None:
+    """Sphinx links the source of each object to its anchor, which an object outside the index has not."""
+    assert ":no-index:" not in page.read_text("utf-8")
