@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
@@ -25,7 +26,7 @@ from fingermodel.fitting.fit_report import Fit
 from fingermodel.fitting.problems import eq5_problem
 from fingermodel.model_files import Step, require_new, revision_of
 from fingermodel.revisions import save_revision
-from fingermodel.session import Session
+from fingermodel.session import Session, require_session
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis as Details
@@ -54,6 +55,12 @@ def _one_thread(function: Callable[_Given, _Result]) -> Callable[_Given, _Result
             return function(*args, **kwargs)
 
     return limited
+
+
+def _require_starts(starts: object) -> None:
+    """Refuse a number of starts that is none."""
+    if not isinstance(starts, Integral) or int(starts) < 1:
+        raise InputError(f"starts {starts!r:.60}", "a whole number, 1 or more")
 
 
 @_one_thread
@@ -86,6 +93,8 @@ def refit(
         >>> fit.parameters[0].unit
         'mm'
     """
+    require_session(session)
+    _require_starts(starts)
     if method not in ("map", "slsqp"):
         raise InputError(f"method {method!r}", "map or slsqp")
     if method == "slsqp":
@@ -132,6 +141,11 @@ def add(
         >>> f"{mass.value:.0f} {mass.unit}"
         '29 g'
     """
+    require_session(session)
+    _require_starts(starts)
+    for name in effects:
+        if not isinstance(name, str):
+            raise InputError(f"effect {name!r:.60}", "names of effects, one after the other", "add(session, *names)")
     return add_effects(
         session.model,
         session.observations,
@@ -165,6 +179,7 @@ def diagnose(session: Session, *, thorough: bool = False, progress: Progress | N
         >>> after < before / 2
         True
     """
+    require_session(session)
     return Diagnosis(
         search(
             session.model,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fingermodel.session import Session, require_session
+
 if TYPE_CHECKING:
     from fingermodel.comparison.comparison import Comparison
-    from fingermodel.session import Session
 
 __all__ = ["compare"]
 
@@ -16,6 +17,9 @@ def compare(session: Session) -> Comparison:
 
     Args:
         session: with the model that predicts.
+
+    Raises:
+        InputError: it is no session.
 
     Example:
         >>> from fingermodel import Session, compare
@@ -27,4 +31,5 @@ def compare(session: Session) -> Comparison:
     """
     from fingermodel.comparison import comparison
 
+    require_session(session)
     return comparison.compare(session.model, session.observations, session.theta)

@@ -54,7 +54,7 @@ class Prediction(NamedTuple):
     torque: Array
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """A finger with its effects for one session's layout.
 

@@ -39,7 +39,7 @@ _FITTED, _CHANGED = "fitted to these readings", "fitted to this session before i
 _ELSEWHERE = "not refitted to these readings"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Revision:
     """One state of a specimen's model.
 
@@ -90,7 +90,7 @@ class Step:
     history: tuple[dict[str, Any], ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LoadedModel:
     """A model ready for one session: parameters, and what had to be left out to make it fit.
 

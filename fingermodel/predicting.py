@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,14 +18,13 @@ from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers import Finger as PlainFinger
 from fingermodel.fingers.files import read_finger
 from fingermodel.model import Model, clamp_forces_batch, jax_values, straight
-from fingermodel.model_files import load_model, read_revision
+from fingermodel.model_files import Revision, load_model, read_revision
 from fingermodel.session import Session
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import ANY_LAYOUT
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, Topology
-    from fingermodel.model_files import Revision
 
 __all__ = ["PredictedForces", "Predictor", "predict"]
 
@@ -95,8 +95,8 @@ def predict(
     degrees, rows = columns(_lists(postures_deg), topology.rotations, "joint")
     if (beyond := degrees[(degrees < ANGLE_DEG[0]) | (degrees > ANGLE_DEG[1])]).size:
         raise InputError(f"an angle of {beyond[0]:g} degrees", f"{ANGLE_DEG[0]:g} to {ANGLE_DEG[1]:g}")
-    what = "tendon" if masses_g is None else "mass on"
-    load, more = columns(_lists(masses_g or tensions_N or {}), topology.muscles, what, rows)
+    what, given = ("tendon", tensions_N) if masses_g is None else ("mass on", masses_g)
+    load, more = columns(_lists(given), topology.muscles, what, rows)
     if (load < 0).any():
         raise InputError("a mass or tension below zero", "0 or more: tendons only pull")
     if (load > MOST_LOAD).any():
@@ -113,6 +113,9 @@ def _weight_N_per_g(  # noqa: N802 - N is the unit
     predictor: Predictor, tension_factor: float | None, gravity_m_s2: float | None
 ) -> float:
     """What a gram pulls at the finger, friction included: as given, or as the predictor's session has it."""
+    for name, given in (("tension_factor", tension_factor), ("gravity_m_s2", gravity_m_s2)):
+        if not isinstance(given, Real | None):
+            raise InputError(f"{name} {given!r:.60}", "a number")
     if tension_factor is not None and not 0.0 < tension_factor <= LARGEST_FACTOR:
         wanted = f"the friction correction c, above 0 and up to {LARGEST_FACTOR:g}"
         raise InputError(f"tension_factor {tension_factor:g}", wanted, "Leave it out for the session's own")
@@ -122,8 +125,10 @@ def _weight_N_per_g(  # noqa: N802 - N is the unit
     return factor * 1e-3 * (predictor.gravity_m_s2 if gravity_m_s2 is None else gravity_m_s2)
 
 
-def _lists(given: Columns) -> dict[str, Sequence[float]]:
+def _lists(given: Columns | None) -> dict[str, Sequence[float]]:
     """Columns of numbers as lists, a single number as a list of one."""
+    if given is None or not hasattr(given, "items"):
+        raise InputError(f"columns {given!r:.60}", "numbers by name, such as {'PIP': 65.0} or {'FDP': [950.0, 500.0]}")
     out: dict[str, Sequence[float]] = {}
     for name, values in given.items():
         try:
@@ -140,9 +145,9 @@ def predictor_of(model: Finger | Revision | Session | str | os.PathLike[str]) ->
     """Return what predicts with a model: itself, its file or its name."""
     if isinstance(model, Session):
         return Predictor.of_session(model)
-    if isinstance(model, str | os.PathLike):
-        model = read_revision(model) if Path(model).suffix == ".json" else read_finger(model)
-    return Predictor(model)
+    if isinstance(model, str | os.PathLike) and Path(model).suffix == ".json":
+        model = read_revision(model)
+    return Predictor(model if isinstance(model, PlainFinger | Revision) else read_finger(model))
 
 
 class Predictor:
@@ -255,7 +260,7 @@ def columns(
     """
     unknown = [k for k in given if k not in names]
     if unknown:
-        raise ModelError(f"{what} {unknown[0][:60]!r}", f"one of {', '.join(names)}")
+        raise ModelError(f"{what} {unknown[0]!r:.60}", f"one of {', '.join(names)}")
     lengths = {len(v) for v in given.values()} - {1}
     if length is not None:
         lengths |= {length} - {1}

@@ -265,6 +265,16 @@ def _belongs(parameter: str, effects: Sequence[str]) -> bool:
     return any(parameter == name or parameter.startswith(f"{name}.") for name in effects)
 
 
+def require_session(given: object) -> None:
+    """Refuse what is no session, such as the name of one.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(given, Session):
+        raise InputError(f"session {given!r:.60}", "an open session", "Open it: Session.open(…)")
+
+
 def held_effects(own: Sequence[Effect | str | os.PathLike[str]] = ()) -> tuple[Effect, ...]:
     """The catalogue, effects of the user's or those in their files, and what rigs are known to do beyond both.
 
@@ -275,9 +285,13 @@ def held_effects(own: Sequence[Effect | str | os.PathLike[str]] = ()) -> tuple[E
     """
     from fingermodel.effects.catalogue import CATALOGUE
     from fingermodel.effects.user import load_effect, shipped_effects
+    from fingermodel.stages import Effect
 
     require_list(own, "effects", "a list of effects or of their files")
-    loaded = [load_effect(Path(e)) if isinstance(e, str | os.PathLike) else e for e in own]
+    loaded = [load_effect(e) if isinstance(e, str | os.PathLike) else e for e in own]
+    for effect in loaded:
+        if not isinstance(effect, Effect):
+            raise InputError(f"effect {effect!r:.60}", "an Effect, or the file of one")
     given = [replace(e, outside=False) if e.outside and is_dataclass(e) else e for e in loaded]
     taken = {e.name for e in given}
     beyond = [load_effect(Path(name)) for name in shipped_effects() if name not in taken]

@@ -17,7 +17,7 @@ from fingermodel.model import Model
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CaseComparison:
     """One load case: what was read and what the model says the cell should have read.
 
@@ -119,7 +119,8 @@ class Comparison:
     judged_in: Plane = "space"
 
     def __repr__(self) -> str:
-        return f"<Comparison of {len(self.cases)} load cases: RMSE {self.errors(self.judged_in).rmse_N:.3g} N>"
+        rmse = self.errors(self.judged_in).rmse_N
+        return f"<Comparison of {len(self.cases)} load cases{'' if rmse is None else f': RMSE {rmse:.3g} N'}>"
 
     def select(
         self,

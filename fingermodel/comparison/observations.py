@@ -22,7 +22,7 @@ from fingermodel.stages import Layout, LoadCaseInput
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observations:
     """The cases of a session, in order, then its checks with known weights.
 

@@ -80,7 +80,7 @@ class MotionFile(Document):
     span_s: _Span | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """A recorded movement.
 

@@ -6,6 +6,7 @@ user may do. It is taken only from a path that the user gives, never from inside
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ def shipped_effects() -> list[str]:
     return sorted(p.stem for p in (data_dir() / "effects").glob("*.yaml"))
 
 
-def load_effect(path: Path, topology: Topology | None = None, layout: Layout = ANY_LAYOUT) -> Effect:
+def load_effect(path: str | os.PathLike[str], topology: Topology | None = None, layout: Layout = ANY_LAYOUT) -> Effect:
     """Read an effect of the user's.
 
     A formula is tried by itself. A Python file is run, and its effect is tried on made-up load cases of the finger.
@@ -53,7 +54,7 @@ def load_effect(path: Path, topology: Topology | None = None, layout: Layout = A
     Raises:
         ModelError: the first fault, in one line.
     """
-    found = _find(path)
+    found = _find(Path(path))
     # Those that are shipped are tried by tests.
     shipped = found.parent == data_dir() / "effects"
     try:

@@ -58,6 +58,8 @@ def read_finger(name_or_path: str | os.PathLike[str], folder: Path | None = None
     Raises:
         ModelError: no such finger, or a file that does not meet the format.
     """
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise ModelError(f"finger {name_or_path!r:.60}", "a Finger, a file, or the name of a shipped finger")
     text = os.fspath(name_or_path)
     path = _find(text, folder)
     return finger_from_dict(with_network(read_document(path, WANTED, ModelError), path.parent), path.name)

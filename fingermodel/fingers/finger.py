@@ -170,7 +170,7 @@ class FractionPrior:
     centre: float | None = None
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Finger:
     """A named finger with its numbers and where they come from.
 

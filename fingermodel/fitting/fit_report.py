@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import InputError
+from daq.vocabulary import did_you_mean
 from fingermodel.fitting.problems import Problem, residual_at
 from fingermodel.fitting.reading_errors import AS_STATED, OTHER_SCATTER, ReadingErrors, other_scatter
 from fingermodel.model import Model
@@ -78,11 +80,19 @@ class Fit:
         return f"<Fit ({self.method}), {self.outcome}: {int(self.free.sum())} parameters>"
 
     def parameter(self, name: str) -> FittedParameter:
-        """Return one fitted parameter by name."""
-        return next(p for p in self.parameters if p.name == name)
+        """Return one fitted parameter by name.
+
+        Raises:
+            InputError: none of that name was fitted.
+        """
+        found = next((p for p in self.parameters if p.name == name), None)
+        if found is None:
+            names = [p.name for p in self.parameters]
+            raise InputError(f"no fitted parameter {name!r:.60}", "one of fit.parameters", did_you_mean(name, names))
+        return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Optimum:
     """Where one start of the solver ended.
 

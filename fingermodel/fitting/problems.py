@@ -84,7 +84,7 @@ class FittedReadings:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem:
     """A weighted least-squares problem with priors over the parameters of a model.
 

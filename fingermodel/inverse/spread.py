@@ -21,7 +21,7 @@ from fingermodel.model import jax_values
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Given:
     """What an inverse analysis takes as given, and how well it is known.
 
@@ -48,7 +48,7 @@ class Given:
     unread: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Inverse:
     """What a closure assigns to each wrench, with standard deviations.
 

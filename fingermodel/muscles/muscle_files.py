@@ -81,7 +81,7 @@ class MuscleFile(Document):
     muscles: list[_Muscle]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MuscleSet:
     """The muscles of a finger, in the order of its topology.
 

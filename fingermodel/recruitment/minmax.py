@@ -27,7 +27,7 @@ _TOLERANCE = 1e-9
 _PRICED = 1e-7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recruitment:
     """Muscle forces over time.
 

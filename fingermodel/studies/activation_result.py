@@ -15,7 +15,7 @@ PLANES = {"sagittal": (0, 1), "coronal": (0, 2)}
 SMALL_N = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MuscleForce:
     """What one muscle alone does at the tip; a muscle with heads is their sum.
 
@@ -46,7 +46,7 @@ class MuscleForce:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Deficit:
     """The tip force while one muscle loses activation and the others keep theirs.
 
@@ -92,7 +92,7 @@ class Deficit:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ActivationResult:
     """A finger held at the tip with its muscles active.
 

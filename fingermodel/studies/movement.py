@@ -28,7 +28,7 @@ STEPS = 200
 MOST_STEPS = 20_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MovementResult:
     """A movement and what drives it, over time.
 

@@ -22,7 +22,7 @@ RATIOS = ("tension_to_tip", "bone_to_tip")
 PLANES: tuple[Plane, ...] = ("space", "sagittal")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Load:
     """One load on one finger in one posture: forces on the cell [N], measured ones None where there are none.
 
@@ -102,7 +102,7 @@ class Spread:
     loads: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Side:
     """One of the two fingers.
 

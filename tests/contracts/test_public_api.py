@@ -8,6 +8,7 @@ import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,18 @@ import daq
 import fingermodel
 import fingertwin
 import server
-from fingermodel import Fit, InputError, Session, add, compare, predict, read_finger, read_revision, refit, save
+from fingermodel import (
+    Fit,
+    InputError,
+    Session,
+    add,
+    compare,
+    predict,
+    read_finger,
+    read_revision,
+    refit,
+    save,
+)
 from fingermodel.diagnosis.session_model.session import session_of
 from tests.contracts.test_layers import loaded_by
 
@@ -192,6 +204,63 @@ def test_a_name_that_the_model_lacks_is_refused_wherever_a_session_takes_names(s
     heavier = session.at_values({"hanger_mass.m0": 30.0, "worn_pulley.FDP": 20.0})
     for names in (["hanger_mass", "worn_pulley"], ["hanger_mass.m0", "worn_pulley.FDP"]):
         np.testing.assert_array_equal(heavier.without(names).theta, session.theta)
+
+
+def test_a_slip_in_a_call_is_one_line(session: Session, own_fit: Fit) -> None:
+    call: Any = fingermodel  # whose types would refuse most of these
+    finger, posture, load = "an1979_middle", {"PIP": 65.0, "DIP": 50.0}, {"FDP": 950.0}
+    asked: list[tuple[Callable[[], object], str]] = [
+        (lambda: call.compare("DEV-02"), r"session 'DEV-02'; expected an open session\. Open it: Session\.open"),
+        (lambda: call.refit("DEV-02"), "session 'DEV-02'; expected an open session"),
+        (lambda: call.refit(session, starts=0), "starts 0; expected a whole number, 1 or more"),
+        (lambda: call.add(session, "hanger_mass", starts=1.5), r"starts 1\.5; expected a whole number"),
+        (lambda: call.add(session, ["hanger_mass"]), r"effect \['hanger_mass'\]; expected names of effects, one after"),
+        (
+            lambda: own_fit.parameter("zero.bone.xx"),
+            r"no fitted parameter 'zero\.bone\.xx'; .*Did you mean zero\.bone\.x?",
+        ),
+        (lambda: call.Session.of(session.measured, 3), "finger 3; expected a Finger, a file, or the name"),
+        (lambda: call.Session.of(session.measured, effects=[3]), "effect 3; expected an Effect, or the file of one"),
+        (lambda: call.load_effect("pip.yaml"), r"no effect file pip\.yaml"),
+        (lambda: call.predict(None, posture, load), "finger None; expected a Finger, a file, or the name"),
+        (lambda: call.predict(finger, [65.0, 50.0], load), r"columns \[65\.0, 50\.0\]; expected numbers by name"),
+        (lambda: call.predict(finger, posture, 950.0), r"columns 950\.0; expected numbers by name"),
+        (lambda: call.predict(finger, {1: 65.0}, load), "joint 1; expected one of MCP"),
+        (
+            lambda: call.predict(finger, posture, load, tension_factor="0.8"),
+            r"tension_factor '0\.8'; expected a number",
+        ),
+    ]
+    for ask, words in asked:
+        with pytest.raises(InputError, match=words):
+            ask()
+    assert repr(compare(session).select(posture="nosuch")) == "<Comparison of 0 load cases>"
+
+
+def test_loads_may_be_columns_of_any_kind_that_has_names() -> None:
+    class Frame(dict[str, list[float]]):
+        """As a DataFrame: neither true nor false."""
+
+        def __bool__(self) -> bool:
+            raise ValueError("ambiguous")
+
+    posture, load = {"PIP": 65.0, "DIP": 50.0}, {"FDP": [950.0, 500.0]}
+    expected = predict("an1979_middle", posture, load).tip_force_N
+    np.testing.assert_array_equal(predict("an1979_middle", posture, Frame(load)).tip_force_N, expected)
+
+
+def test_what_holds_arrays_is_compared_by_identity(session: Session, tmp_path: Path) -> None:
+    again = Session.open("synek2019_HMEAN")
+    fit = refit(session, starts=1)
+    save(session, fit, tmp_path / "a.json")
+    revisions = [read_revision(tmp_path / "a.json") for _ in range(2)]
+    for one, other in (
+        (read_finger("an1979_middle"), read_finger("an1979_middle")), (session.model, again.model), revisions,
+        (compare(session), compare(session)), (session.observations, again.observations),
+    ):  # fmt: skip
+        assert one == one  # noqa: PLR0124
+        assert one != other
+    assert hash(session.model.finger)
 
 
 def test_columns_of_a_comparison_are_its_cases(session: Session) -> None:
