@@ -79,9 +79,9 @@ class Bowstringing(Effect):
         own = spread(muscles, len(topology.muscles))
         others = spread([topology.muscles.index(m) for m in flexors(topology)], len(topology.muscles)).sum(axis=0) - own
         tension = own @ state.tension + p[2] * (others @ state.tension)
-        # The tendon bends either way; the small number rounds off the corner at 0 deg.
+        # The tendon bends either way; the small number rounds off the corner within 0.01 deg of 0.
         half = jnp.sin(0.5 * (spread(flexions, len(topology.rotations)) @ state.posture))
-        either = jnp.sqrt(half * half + 1e-4) - 1e-2
+        either = jnp.sqrt(half * half + 1e-8) - 1e-4
         lift = p[0] * 2.0 * tension * ((1.0 - p[3]) * either + p[3] * 0.5 * (half + either))
         lift = lift / (1.0 + p[1] * lift)
         return shifted(state, segments, dorsal=-lift, distal=1.0 - p[4])

@@ -75,6 +75,12 @@ def test_flexors_that_press_on_an_extended_joint_do_not_lift_there_and_lift_as_b
     assert pressed == pytest.approx(free, abs=0.1)
 
 
+def test_flexors_lift_as_the_formula_says_at_every_angle() -> None:
+    for angle in (-20.0, 5.0, 10.0, 25.0, 65.0):
+        expected = 0.5 * 2.0 * 8.0 * np.sin(0.5 * np.deg2rad(abs(angle)))
+        assert lifted([0.5, 0.0, 0.0, 0.0, 0.0], [angle] * 3)[0] == pytest.approx(expected, abs=1e-3)
+
+
 @given(held=st.floats(0.0, 1.0))
 def test_what_holds_the_flexors_beyond_a_joint_takes_its_share_of_the_lift_there(held: float) -> None:
     proximal, distal = lifted([0.5, 0.1, 0.1, 0.5, held], [50.0, 60.0, 30.0])
