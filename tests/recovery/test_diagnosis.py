@@ -348,7 +348,7 @@ def test_what_only_all_together_show_is_known_in_each_where_a_further_law_is_loo
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fits: list[Optimum] = []
-    monkeypatch.setattr(several, "shared_finding", lambda _sessions, known, *_: fits.extend(known))
+    monkeypatch.setattr(several, "shared_finding", lambda _sessions, _of, known, *_: fits.extend(known))
     pooled = pooled_of(tmp_path, {specimen: {"rig_friction": 0.025} for specimen in (21, 22, 23)})
     assert (pooled.verdict.kind, pooled.verdict.names) == ("found", ("rig_friction",))
     assert not any(d.verdict.kind == "found" for d in pooled.diagnoses)
