@@ -28,6 +28,7 @@ from server.application.bench_plan import (
 from server.application.exporting import writing
 from server.application.new_session import lacking, notes_of
 from server.commands.console import answer, at_terminal, progress, say
+from server.commands.entries import once
 from server.commands.questions import ask, ask_finger, ask_postures, lines, number
 from server.commands.scaling import measures
 from server.figures.comparison_words import counted
@@ -153,7 +154,7 @@ def _arms(text: str) -> dict[str, float]:
 
 
 def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
-    postures = dict(posture_of(text) for text in options.postures)
+    postures = once(map(posture_of, options.postures), "--posture")
     name, loads = options.protocol, None
     if options.loads is not None:
         loads = read_text(options.loads, "loads as text or CSV")
