@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from daq.errors import InputError
 from fingermodel.studies.activation import activate
 from fingermodel.studies.activation_result import ActivationResult
 from server.application.exporting import writing
 from server.application.study_tables import write_deficits
 from server.commands.console import answer, progress, say, table
+from server.commands.entries import numbers
 from server.figures.activation import activation_report
 
 
@@ -34,10 +34,10 @@ def activate_finger(
         result = activate(
             finger,
             muscles,
-            posture_deg=_pairs(posture, "--posture MCP=45"),
-            activation=_shares(activation, "--activation FDP=50"),
-            force_N=_pairs(force, "--force palmar=8"),
-            lost=_shares(deficit, "--deficit FDI=25"),
+            posture_deg=_numbers(posture, "--posture", "MCP=45"),
+            activation=_shares(activation, "--activation", "FDP=50"),
+            force_N=_numbers(force, "--force", "palmar=8"),
+            lost=_shares(deficit, "--deficit", "FDI=25"),
         )
     body = result.as_dict() | {"file": None, "figures": None}
     if out is not None:
@@ -92,19 +92,9 @@ def _cell(magnitude: float, turned: float | None) -> str:
     return f"{magnitude:.2f}" + ("" if turned is None else f" ({turned:.1f})")
 
 
-def _pairs(texts: Sequence[str], example: str) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for text in texts:
-        name, sign, value = text.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            sign = ""
-        if not (name and sign):
-            raise InputError(f"{text!r}", f"NAME=NUMBER, such as {example}")
-        found[name] = number
-    return found
+def _numbers(entries: Sequence[str], option: str, example: str) -> dict[str, float]:
+    return numbers(entries, option, f"NAME=NUMBER, such as {option} {example}")
 
 
-def _shares(texts: Sequence[str], example: str) -> dict[str, float]:
-    return {name: value / 100.0 for name, value in _pairs(texts, example).items()}
+def _shares(entries: Sequence[str], option: str, example: str) -> dict[str, float]:
+    return {name: value / 100.0 for name, value in _numbers(entries, option, example).items()}

@@ -12,6 +12,7 @@ from daq.sessions.amendments import amended_line, amendments_of, block_of, excha
 from daq.sessions.models import Amendment, Session
 from server.application.amending import amendable, keep_amendments, take_back
 from server.commands.console import answer, say
+from server.commands.entries import once, pair
 
 # What `--tendon`, `--mass` and `--weight` give.
 _TENDON, _MASS = "TRUE=ENTERED, such as FDS=FDP", "TENDON=GRAMS, such as FDP=950"
@@ -65,16 +66,15 @@ def amend_case(
             raise InputError(f"--exchange with {len(cases)} cases", "two cases", "Name one, and the other one after it")
         new = list(exchanged(read, case, exchange, why, by))
     else:
-        tendons = {entered: true for true, entered in (_pair(t, _TENDON) for t in tendon)}
-        masses = {name: _grams(value, _MASS) for name, value in (_pair(m, _MASS) for m in mass)}
-        weighed = [[_grams(value, _WEIGHT) for value in _pair(w, _WEIGHT)] for w in weight]
+        hung, weighed = (pair(t, "--tendon", _TENDON) for t in tendon), (pair(m, "--mass", _MASS) for m in mass)
+        weights = ([_grams(value, _WEIGHT) for value in pair(w, "--weight", _WEIGHT)] for w in weight)
         new = amendments_of(
             read,
             cases,
             why,
-            tendons=tendons,
-            masses_g=masses,
-            weights_g={entered: true for true, entered in weighed},
+            tendons=once(((entered, true) for true, entered in hung), "--tendon for"),
+            masses_g=once(((name, _grams(value, _MASS)) for name, value in weighed), "--mass"),
+            weights_g=once(((entered, true) for true, entered in weights), "--weight for"),
             posture=posture,
             exclude=exclude,
             by=by,
@@ -96,13 +96,6 @@ def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | Non
         again = f"fingertwin diagnose {quoted(session)}"
         say(f"The entries stay in session.yaml. Look again: {again}; take it back with --undo.")
     return False
-
-
-def _pair(text: str, expected: str) -> tuple[str, str]:
-    name, separator, value = text.partition("=")
-    if not separator or not name or not value:
-        raise InputError(f"{text!r}", expected)
-    return name, value
 
 
 def _grams(text: str, expected: str) -> float:

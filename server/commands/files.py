@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from daq.errors import InputError
 from daq.quoting import quoted
 from fingermodel.parameters import with_unit
 from server.application.exchange import ENDINGS as FINGER_FORMATS
 from server.application.exported_files import export_file
 from server.application.simulating import simulate_session_at
 from server.commands.console import answer, progress, say
+from server.commands.entries import numbers
 from server.commands.exchange import export_finger
 from server.figures.comparison_words import counted
 
@@ -44,7 +44,7 @@ def simulate_rig(
     json: str | None,
 ) -> None:
     """Write a simulated session, with the truth beside it."""
-    effects = _values(effect)
+    effects = numbers(effect, "--effect", "NAME.PARAMETER=NUMBER, such as hanger_mass.m0=30")
     with progress("Simulating"):
         session, truth = simulate_session_at(protocol, out, model, effects, rate_hz, noise_N, repeats, seed)
     told = {"parameters": truth["parameters"], "left_out": truth["left_out"]}
@@ -57,15 +57,3 @@ def simulate_rig(
         say(f"Effects that act: {', '.join(acting)}.")
     if told["left_out"]:
         say(f"Left out, because the protocol has no place for it: {', '.join(told['left_out'])}.")
-
-
-def _values(given: list[str]) -> dict[str, float]:
-    """Return numbers by name, of NAME=NUMBER."""
-    out = {}
-    for one in given:
-        name, _, value = one.partition("=")
-        try:
-            out[name.strip()] = float(value)
-        except ValueError as error:
-            raise InputError(f"--effect {one:.60}", "NAME.PARAMETER=NUMBER, such as hanger_mass.m0=30") from error
-    return out

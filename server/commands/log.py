@@ -24,6 +24,7 @@ from daq.uplink.wire import require_session_id
 from server.bench.ending import Told, ended_by_signals
 from server.commands.closing_copy import Closed, copied_at_end
 from server.commands.console import answer, refuse_useless, say, table
+from server.commands.entries import once, pair
 from server.commands.forwarding import Delivery, forwarding
 from server.commands.log_bench import log_bench
 from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
@@ -263,15 +264,8 @@ def given_settings(given: tuple[str, ...]) -> dict[str, str]:
     Raises:
         InputError: one is not of that form, or is given twice.
     """
-    out: dict[str, str] = {}
-    for one in given:
-        name, mark, value = one.partition("=")
-        if not mark or not name or not value:
-            raise InputError(f"--set {one}", "NAME=VALUE, such as --set counts_per_N=1000000")
-        if name in out:
-            raise InputError(f"--set {name} twice", "each setting once")
-        out[name] = value
-    return out
+    expected = "NAME=VALUE, such as --set counts_per_N=1000000"
+    return once((pair(one, "--set", expected) for one in given), "--set")
 
 
 def replay_session(

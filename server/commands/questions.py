@@ -14,6 +14,7 @@ from daq.lab.drafts import posture_of
 from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.fingers.finger import Finger
 from server.commands.console import say
+from server.commands.entries import once
 
 T = TypeVar("T")
 
@@ -101,11 +102,11 @@ def postures_of(texts: Sequence[str], finger: Finger) -> dict[str, dict[str, flo
     """Read postures such as `hook: MCP 0 PIP 65 DIP 50` [deg], whose angles have to be those of a finger's joints.
 
     Raises:
-        InputError: one cannot be read, or a session or the finger can have no such angles.
+        InputError: one cannot be read or comes twice, or a session or the finger can have no such angles.
     """
     from fingermodel.comparison.observations import posture_rad
 
-    found = dict(posture_of(text) for text in texts)
+    found = once(map(posture_of, texts), "--posture")
     for name, angles in found.items():
         posture_rad(finger.topology, angles, f"posture {name}")
     return found

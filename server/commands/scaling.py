@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from daq.errors import InputError
 from fingermodel.studies.scaling import NEUTRAL, Scaled, scale_finger, write_scaled
 from server.application.exporting import writing
 from server.commands.console import answer, say, table
+from server.commands.entries import numbers
 
 
 def scale_specimen(
@@ -77,16 +77,4 @@ def measures(entries: Sequence[str], option: str, example: str) -> dict[str, flo
     Raises:
         InputError: an entry of another form, or a name that comes twice.
     """
-    out: dict[str, float] = {}
-    for entry in entries:
-        name, _, text = (part.strip() for part in entry.partition("="))
-        try:
-            value = float(text.removesuffix("mm"))
-        except ValueError:
-            value = math.nan
-        if not name or not math.isfinite(value):
-            raise InputError(f"{option} {entry}", f"a name and a length in mm, such as {example}")
-        if name in out:
-            raise InputError(f"{option} {name} is given twice", "one length for each")
-        out[name] = value
-    return out
+    return numbers(entries, option, f"a name and a length in mm, such as {example}", "mm")

@@ -200,11 +200,17 @@ def print_fit(fit: Fit, mounts: Mapping[str, Mapping[str, Any]]) -> None:
 def _say_mounts(fit: Fit, mounts: Mapping[str, Mapping[str, Any]]) -> None:
     """Print how a mounting that is far off, or that an effect turns, is entered in the session."""
     telling = [p for p in fit.parameters if tells_of_mounting(p.name) and (p.moved > _FAR or p.kind == "effect")]
-    places = {p.name.split(".")[1] for p in telling}
     for location, mount in mounts.items():
-        if any(place.startswith((location, "common")) for place in places):
+        here = [p.name for p in telling if p.name.split(".")[1].startswith((location, "common"))]
+        moved = [name for name in here if name.startswith("mount_offset")]
+        if moved or (here and "rotation_deg" in mount):
             entry = ", ".join(f"{key}: {_as_entry(value)}" for key, value in mount.items())
             say(f"Where the rig confirms it, put into load_cell.mounts of session.yaml:  {location}: {{{entry}}}")
+        if len(here) > len(moved) and "rotation_deg" not in mount:
+            say(
+                f"session.yaml cannot turn the {location} readings of a left hand that state no rotation. Give them in "
+                "the cell's axes, with its rotation."
+            )
 
 
 def _as_entry(value: Any) -> str:

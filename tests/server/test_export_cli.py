@@ -143,9 +143,10 @@ def test_a_simulation_keeps_what_lies_in_a_folder(tmp_path: Path) -> None:
         ("--noise-N", "inf"), ("--noise-N", "nan"), ("--repeats", "0"), ("--seed", "-1"), ("--model", "nosuch"),
         ("--model", "nosuch.json"), ("--effect", "hanger_mass=30"), ("--effect", "hanger_mass.m0"),
         ("--effect", "hanger_mass.m0=heavy"), ("--effect", "hanger_mass.m0=-1"),
+        ("--effect", "hanger_mass.m0=30", "--effect", "hanger_mass.m0=50"),
     ],
 )  # fmt: skip
-def test_a_simulation_that_makes_no_sense_writes_nothing(tmp_path: Path, option: tuple[str, str]) -> None:
+def test_a_simulation_that_makes_no_sense_writes_nothing(tmp_path: Path, option: tuple[str, ...]) -> None:
     refused("simulate", "synek2019", "--out", tmp_path / "s", *option, instead="")
     assert not (tmp_path / "s").exists()
 

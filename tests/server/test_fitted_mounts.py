@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from daq.sessions import read_session
 from daq.sessions.protocols import read_protocol
 from daq.standins.simulated import SimulatedCell
 from fingermodel.fingers.files import read_finger
@@ -74,6 +75,13 @@ def test_a_refit_prints_the_line_to_enter_and_that_its_sign_is_the_opposite(tmp_
     values = {p["name"]: p["value"] for p in body["parameters"]}
     assert max(abs(values[f"mount_offset.tip.{axis}"]) for axis in "xyz") < 0.3
     np.testing.assert_allclose(body["mounts"]["tip"]["offset_mm"], entry["tip"]["offset_mm"], atol=0.3)
+
+
+def test_readings_of_a_left_hand_that_state_no_rotation_get_no_rotation_to_enter(tmp_path: Path) -> None:
+    assert read_session("DEV-04").specimen.side == "left"
+    told = run("add", "cell_rotation", "DEV-04", "--out", tmp_path / "m.json").out
+    assert "session.yaml cannot turn the bone readings of a left hand" in told
+    assert "put into load_cell.mounts" not in told
 
 
 def test_a_rig_that_is_as_described_and_averaged_forces_have_no_such_line(tmp_path: Path) -> None:

@@ -123,6 +123,7 @@ def test_gauge_volts_are_played_and_logged_by_a_calibration_of_the_users_own(
         (["robotiq-ft300", "--set", "calibration=x"], "has no setting calibration"),
         (["gauge-volts", "--set", "calibration=none.cal"], "none.cal cannot be read"),
         (["gauge-volts", "--set", "calibration"], "expected NAME=VALUE"),
+        (["gauge-volts", "--set", "calibration=a", "--set", "calibration=b"], "--set calibration is given twice"),
         (["gauge-volts", "--noise-N", "-1"], "noise-N is -1"),
         (["gauge-volts", "--noise-N", "1", "--noise-correlation", "1"], "noise-correlation is 1"),
         (["gauge-volts", "--flip-per-s", "nan"], "flipped-per-s is nan; expected a number, 0 or more"),

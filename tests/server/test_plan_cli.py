@@ -104,6 +104,10 @@ def test_the_notebook_of_a_friction_protocol_says_how_each_weight_came_to_rest(t
             ["--finger", "an1979_middle", "--protocol", "levels", "--posture", "hook: MCP 0 PIP 0 DIP 0"],
             "hook leaves the",
         ),
+        (
+            ["--finger", "an1979_middle", "--protocol", "levels", *2 * ["--posture", "hook: MCP 0 PIP 65 DIP 50"]],
+            "--posture hook is given twice",
+        ),
     ],
 )
 def test_what_cannot_be_planned_is_one_line(given: list[str], said: str, tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ class PooledVerdict:
         probability: of the verdict.
         sentence: in plain words.
         short: what was short of a stronger verdict.
-        rests_on: sessions without which what is shared would not be sure.
+        rests_on: sessions without which what is found would not be sure; none where nothing is found.
         effect: that is found.
     """
 
@@ -147,7 +147,7 @@ def judge_together(
         short.append(f"the law of {words(ranking[0].names)} would have to be another in most of them")
     text = "Undecided: together the sessions single out no effect that they share."
     best = max(included.values(), default=0.0)
-    return PooledVerdict("undecided", (), best, text, tuple(short), tuple(rests_on))
+    return PooledVerdict("undecided", (), best, text, tuple(short))
 
 
 def _cases(d: Diagnosis) -> int:

@@ -107,7 +107,8 @@ def test_a_name_that_only_some_explanations_hold_is_sure_by_all_of_them_together
     found = judged([shared(("a", "b"), 0.5), shared(("a",), 0.48)])
     assert (found.kind, found.names) == ("found", ("a",))
     assert found.probability == pytest.approx(0.98)
-    assert judged([shared(("a",), 0.5)], apart=(0.5, 0.0, 0.0)).kind == "undecided"
+    undecided = judged([shared(("a",), 0.5)], apart=(0.5, 0.0, 0.0), rests_on=SESSIONS)
+    assert (undecided.kind, undecided.rests_on) == ("undecided", ()), "nothing is found that could rest on any"
 
 
 def test_few_cases_in_one_session_decide_nothing_together() -> None:
