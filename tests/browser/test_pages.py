@@ -77,6 +77,8 @@ def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched)
     assert "Nothing was searched for yet." not in seen.text()
     seen.page.get_by_role("heading", name="The verdict").wait_for(timeout=240_000)
     assert "Found: the hanger was not weighed" in seen.text()
+    # As the tutorial calls it.
+    assert seen.page.get_by_role("button", name="Add hanger_mass, and refit").count() == 1
     ruled_out = seen.page.locator("section", has=seen.page.get_by_role("heading", name="Tested and ruled out"))
     assert ruled_out.get_by_role("row").count() > 10
     assert "hanger_mass explains the same readings better" in ruled_out.inner_text()

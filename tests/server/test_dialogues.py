@@ -92,8 +92,9 @@ def test_the_tutorial_shows_what_its_files_give(tmp_path: Path) -> None:
     assert (code, err) == (0, "")
     tutorial = (ROOT / "docs" / "tutorial-from-your-csv.md").read_text("utf-8")
     rows = [line for line in tutorial.splitlines() if re.match(r"  (\d  \d|t   |Fx  |not sure)", line)]
-    assert len(rows) == 12
     assert [row for row in rows if row not in shown] == []
+    assert len(rows) == 15
+    assert [line for line in shown.splitlines() if line.startswith("  not sure") and line not in rows] == []
     assert (files / "notes.txt").read_text("utf-8") in tutorial
     # They are cut out of a session whose forces are known.
     source = {c.case.id: c for c in measure(read_session("DEV-02")).cases}
