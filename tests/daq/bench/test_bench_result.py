@@ -110,7 +110,8 @@ def test_without_a_complete_case_there_is_no_session(tmp_path: Path, script: lis
 
 def test_an_excluded_case_keeps_its_reason_and_its_windows(tmp_path: Path) -> None:
     script: list[Line] = [
-        "next", *tared(), *case("tip", FDP=950), "exclude c001 the hanger touched", "repeat", *case("tip", FDP=950), "close",
+        "next", *tared(), *case("tip", FDP=950), "exclude c001 the hanger touched",
+        "repeat", *case("tip", FDP=950), "close",
     ]  # fmt: skip
     folder = written(journalled(tmp_path).play(script), tmp_path / "S1")
     first, second = read_session(folder).cases
