@@ -130,7 +130,7 @@ def test_filters_and_the_plane_hold_for_figure_and_table(seen: Watched) -> None:
     seen.page.get_by_role("cell", name="hyperextension").first.wait_for()
     # Nothing is left by these: the figure says so instead of being empty.
     seen.page.get_by_label("Role").select_option("validation")
-    seen.page.get_by_text("No figure: no identification case").wait_for()
+    seen.page.get_by_text("No figure: none of these load cases is a validation case").wait_for()
 
 
 def test_a_table_is_sorted_by_a_click_on_a_heading_and_stays_so(seen: Watched) -> None:

@@ -72,7 +72,7 @@ def drawn_comparison(
         Compared.of(bench, shown, held, spread),
         [c.id for c in shown.cases] if only.role == "all" else None,
         plane=only.plane,
-        role={None: "identification", "all": None}.get(only.role, only.role),
+        role="validation" if only.role == "validation" else "identification",
         location=only.location or "tip",
         beside=beside,
     )
