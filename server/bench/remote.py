@@ -105,5 +105,10 @@ def shown(status: BenchStatus) -> dict[str, Any]:
         "phase": status.phase,
         "suggested": status.suggests,
         "closed": status.closed,
-        "keys": [key | {"begins": status.answers_begin.get(str(key["command"]), "")} for key in _SHOWN_KEYS],
+        # Nothing is taken in again before anything is left out.
+        "keys": [
+            key | {"begins": status.answers_begin.get(str(key["command"]), "")}
+            for key in _SHOWN_KEYS
+            if key["command"] != "include" or "include" in status.answers_begin
+        ],
     }
