@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 from daq.errors import InputError
 from daq.findings import Finding, finding
 from daq.locations import data_dir
-from daq.sessions import FINGER_DOCUMENT
+from daq.sessions import FINGER_DOCUMENT, finger_file
 from daq.sessions.models import LoadCase, Open, Session
 from daq.sessions.protocols import protocol_names, read_protocol
 from daq.vocabulary import JOINT_ANGLES, did_you_mean
@@ -68,8 +67,8 @@ def _unknown_keys(session: Session) -> Iterator[Finding]:
 
 def _finger(session: Session) -> Iterator[Finding]:
     shipped = sorted(p.stem for p in (data_dir() / "fingers").glob("*.yaml"))
-    near = [Path(session.finger), *([session.folder / session.finger] if session.folder else [])]
-    if session.finger not in shipped and not any(p.is_file() for p in near) and not _brings_finger(session):
+    found = session.finger in shipped or finger_file(session.finger, session.folder) or _brings_finger(session)
+    if not found:
         hint = did_you_mean(session.finger, shipped)
         yield finding(
             "error",

@@ -196,8 +196,13 @@ def own_finger(name: str, folder: Path | None = None) -> Any:
         name: as a session or a setup gives it.
         folder: of the session.
     """
-    near = ((folder or Path()) / name, Path(name))
-    return next((read_yaml(file) for file in near if file.is_file()), None)
+    file = finger_file(name, folder)
+    return None if file is None else read_yaml(file)
+
+
+def finger_file(name: str, folder: Path | None = None) -> Path | None:
+    """Return the file of a finger, in a folder or from here; None of one that has a name alone."""
+    return next((file for file in ((folder or Path()) / name, Path(name)) if file.is_file()), None)
 
 
 def write_session(session: Session, folder: str | Path) -> Path:

@@ -24,7 +24,7 @@ from daq.lab.notebook import Note
 from daq.lab.proposals import OF_THE_FILE, grounds, propose_mapping
 from daq.lab.traces import as_recording
 from daq.quoting import quoted
-from daq.sessions import plain_document, read_session, read_yaml
+from daq.sessions import finger_file, plain_document, read_session, read_yaml
 from daq.vocabulary import LARGEST_FACTOR
 from fingermodel.fingers import Finger
 from fingermodel.fingers.files import read_finger
@@ -107,7 +107,7 @@ def new_session(options: NewOptions, json: str | None) -> None:
         told.append(MASSES_IN_GRAMS)
         if asking:
             header |= _ask_header([*lacks, *([] if "load_cell" in header else ["load_cell"])])
-            own_finger = own_finger or _file_of(header["finger"], None)
+            own_finger = own_finger or finger_file(header["finger"])
         finger = read_finger(own_finger or header["finger"])
         notes = _notes(notebook, finger.topology.muscles, asking)
         if not asking:  # what will be missing is said before the work is done
@@ -193,13 +193,7 @@ def _known_header(options: NewOptions) -> tuple[dict[str, Any], Path | None]:
             raise InputError(f"{options.setup.name} is not a setup", "format: bench-setup/1")
         out |= header_of(given)
         folder = options.setup.parent if "finger" in given else folder
-    return out, _file_of(out["finger"], folder) if "finger" in out else None
-
-
-def _file_of(finger: str, folder: Path | None) -> Path | None:
-    """Return the file of a finger; None of a shipped one."""
-    candidates = [Path(finger)] if folder is None else [folder / finger, Path(finger)]
-    return next((path for path in candidates if path.is_file()), None)
+    return out, finger_file(out["finger"], folder) if "finger" in out else None
 
 
 def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from server.application.diagnosing import diagnosis_answer, frozen_documents
 from server.application.diagnosis_report import draw_diagnosis, draw_shared
 from server.application.pooling import pooled_body, write_law
 from server.commands.console import answer, progress, say, table
-from server.commands.twin import say_first, say_warnings
+from server.commands.twin import say_first
 from server.figures.shared_law import NO_LAW
 
 # More shuffles say nothing more.
@@ -82,7 +82,7 @@ def diagnose_sessions(
 
 def _print(pooled: Pooled, body: dict[str, Any]) -> None:
     """Print what the sessions say together, and each by itself."""
-    say_warnings(body)
+    say_first(body)
     say(pooled.verdict.sentence)
     if pooled.verdict.short:
         say(f"  Short of more: {'; '.join(pooled.verdict.short)}.")

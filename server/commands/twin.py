@@ -94,12 +94,6 @@ def say_first(body: Mapping[str, Any]) -> None:
         say(line)
 
 
-def say_warnings(body: Mapping[str, Any]) -> None:
-    """Print the warnings of an answer."""
-    for warning in body["warnings"]:
-        say(f"Warning: {warning['place']}: {warning['words']}")
-
-
 def print_comparison(bench: Session, comparison: Comparison) -> None:
     """Print the errors, then case by case, then by muscle and posture."""
     name = f"{bench.measured.session.id} against {bench.loaded.name}"

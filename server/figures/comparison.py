@@ -67,7 +67,7 @@ def comparison_plans(
     cases: Collection[str] | None = None,
     *,
     plane: Plane | None = None,
-    role: str | None = "identification",
+    role: str = "identification",
     location: str = "tip",
     beside: Beside | None = None,
 ) -> list[Plan]:
@@ -77,7 +77,7 @@ def comparison_plans(
         compared: what is drawn.
         cases: that are drawn on the finger, by default those of validation.
         plane: of the force components; by default that in which the finger is judged.
-        role: of the cases whose force components are drawn against each other; None for all.
+        role: of the cases whose force components are drawn against each other: identification or validation.
         location: of these: tip or bone.
         beside: forces of another model, drawn on the finger.
     """

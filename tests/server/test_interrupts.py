@@ -102,6 +102,14 @@ def test_an_interrupt_within_an_import_is_raised_after_it(tmp_path: Path, monkey
     assert sys.modules.pop("interrupted_import").whole
 
 
+def said_until_interrupted(code: str) -> str:
+    """What a process of such code says before it ends as interrupted, with one line of it."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
+    assert (done.returncode, done.stderr.count("\n")) == (130, 1)
+    assert done.stderr.startswith("fingertwin: Interrupted")
+    return done.stdout
+
+
 @pytest.mark.parametrize("delay_s", [0.02, 0.1, 0.4, 0.6, 0.8, 1.0])
 def test_an_interrupt_while_the_command_starts_is_one_line(delay_s: float) -> None:
     code = (
@@ -112,9 +120,7 @@ def test_an_interrupt_while_the_command_starts_is_one_line(delay_s: float) -> No
         "timer.start()\n"
         "server.__main__.main()"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (130, "", 1)
-    assert done.stderr.startswith("fingertwin: Interrupted")
+    assert said_until_interrupted(code) == ""
 
 
 def test_an_interrupted_command_ends_with_all_that_it_said_and_runs_nothing_more() -> None:
@@ -129,6 +135,4 @@ def test_an_interrupted_command_ends_with_all_that_it_said_and_runs_nothing_more
         "sys.argv = ['fingertwin', 'refit', 'DEV-02']\n"
         "server.__main__.main()"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (130, "so far\n", 1)
-    assert done.stderr.startswith("fingertwin: Interrupted")
+    assert said_until_interrupted(code) == "so far\n"

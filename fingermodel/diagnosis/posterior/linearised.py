@@ -215,6 +215,12 @@ class Linearised:
             self._sizes[name] = len(self.parameters_of.get(name, ())) + int(self.other_columns(name).shape[1])
         return self._sizes[name]
 
+    def spans(self, names: Sequence[str]) -> list[slice]:
+        """Where the weights of each of some blocks are among all of theirs."""
+        sizes = [self.size(name) for name in names]
+        ends = np.cumsum(sizes, dtype=int).tolist()
+        return [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
+
     def widths(self, names: Sequence[str], node: Node) -> Floats:
         """(k,) widths of the priors of all weights of some blocks at a node."""
         block = self.hyper.block_widths(node)
@@ -288,10 +294,9 @@ class Linearised:
         return inner.right
 
     def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
-        sizes = [self.size(name) for name in names]
-        ends = np.cumsum(sizes, dtype=int).tolist()
-        spans = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
-        hessian, gradient = np.empty((sum(sizes), sum(sizes))), np.empty(sum(sizes))
+        spans = self.spans(names)
+        count = spans[-1].stop if spans else 0
+        hessian, gradient = np.empty((count, count)), np.empty(count)
         for k, (a, of_a) in enumerate(zip(names, spans, strict=True)):
             gradient[of_a] = self._product(inner, a, RESIDUAL)[:, 0]
             for b, of_b in zip(names[: k + 1], spans[: k + 1], strict=True):

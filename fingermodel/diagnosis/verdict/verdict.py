@@ -198,12 +198,11 @@ def far_off(fit: Optimum) -> str:
     count = len(times)
     # Errors by group may be larger than usual, but no one of them alone.
     found, usual = fit.everything(fit.node), GroupErrors.usual(fit.session.model.budget)._asdict()
-    ends = np.cumsum([fit.size(name) for name in found.names]).tolist()
-    for name, end in zip(found.names, ends, strict=True):
-        if name in usual and (size := fit.size(name)):
-            each = np.abs(found.mean[end - size : end]) / usual[name]
-            times[f"one error ({OTHER_SCATTER[name].title}) would have to be"] = float(each.max())
-            count += size
+    for name, span in zip(found.names, fit.spans(found.names), strict=True):
+        each = np.abs(found.mean[span])
+        if name in usual and each.size:
+            times[f"one error ({OTHER_SCATTER[name].title}) would have to be"] = float(each.max() / usual[name])
+            count += each.size
     most = max(times, key=lambda said: times[said], default="")
     if not most or 2.0 * ndtr(-times[most]) * count >= P_VALUE:
         return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -96,8 +96,8 @@ class SessionModels:
             return name
         if name == IN_FORCE and measured.session is not None:
             return self._revisions.in_force(measured.session.specimen.id)
-        own = self._brought(measured)
-        return None if own is not None and own.id == name else name
+        brought = (measured.record.document or {}).get(FINGER_DOCUMENT)
+        return None if isinstance(brought, Mapping) and brought.get("id") == name else name
 
     def found(self, name: str | None, measured: Measured) -> dict[str, float]:
         """Return the values that a search gives with an explanation, by parameter; none for any other model."""
@@ -209,18 +209,16 @@ class SessionModels:
 
     def _own_finger(self, measured: Measured) -> Finger | None:
         """Return the finger that a session brings with it; None where it names one that the service has."""
-        brought = self._brought(measured)
-        name = (measured.record.document or {}).get("finger")
-        if brought is None and name not in self._fingers:
+        document = measured.record.document or {}
+        finger = document.get(FINGER_DOCUMENT)
+        if finger is not None:
+            return finger_from_dict(finger, f"the finger of {measured.record.id}")
+        name = document.get("finger")
+        if name not in self._fingers:
             raise ProblemError(
                 422,
                 f"session {measured.record.id} names finger {shortened(name)!r}, which is a file of the bench",
                 f"one of {', '.join(sorted(self._fingers))}, or its document as {FINGER_DOCUMENT}",
                 "Ask with ?model=",
             )
-        return brought
-
-    def _brought(self, measured: Measured) -> Finger | None:
-        """Return the finger that came with a session as a document; None where none did."""
-        finger = (measured.record.document or {}).get(FINGER_DOCUMENT)
-        return None if finger is None else finger_from_dict(finger, f"the finger of {measured.record.id}")
+        return None
