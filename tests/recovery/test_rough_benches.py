@@ -152,6 +152,18 @@ def test_what_goes_with_time_or_load_is_no_scatter_and_said(
     assert d.trend.words in sentence(d)
 
 
+def test_a_cell_that_reads_large_forces_low_is_recognised(tmp_path: Path) -> None:
+    draw_session(tmp_path, 50, {}, protocol="short", nuisance_scale=0.8)
+    exact = Session.open(tmp_path)
+    wrench = np.array([case.wrench for case in exact.measured.cases])
+    wrench[:, :3] *= 1.0 - 0.2 * (wrench[:, :3] / np.abs(wrench[:, :3]).max()) ** 2
+    bench = with_readings(exact, wrench)
+    d = diagnose(bench.model, bench.observations)
+    assert d.verdict.kind == "none_of_catalogue"
+    assert not d.suspects
+    assert "(cell_nonlinearity)" in sentence(d)
+
+
 def test_what_goes_with_time_takes_nothing_from_a_larger_effect(tmp_path: Path) -> None:
     draw_session(tmp_path, 50, {"hanger_mass": 60.0}, protocol="short", nuisance_scale=0.8)
     exact = Session.open(tmp_path)

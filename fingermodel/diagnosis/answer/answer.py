@@ -222,11 +222,12 @@ def sentence(d: Diagnosis) -> str:
     if verdict.kind == "one_of":
         return f"One of these, which the load cases do not tell apart: {'; '.join(named)}."
     if verdict.kind == "none_of_catalogue":
-        if d.trend:
+        known = next((k for k in ready_made(d) if k["probability"] >= 0.5), None)
+        # The trend is of what is left: where something known acts, that alone is left of it.
+        if d.trend and not (known and known["size_N"] > d.trend.size_N):
             return f"Something is missing that no effect here describes; it {d.trend.words}."
-        known = ready_made(d)[:1]
-        if known and known[0]["probability"] >= 0.5:
-            like = f"{known[0]['title']} ({known[0]['effect']})"
+        if known:
+            like = f"{known['title']} ({known['effect']})"
             return f"Something is missing that no effect of the catalogue describes; it looks like this: {like}."
         offered = " and the formulas offered" if d.hints else ""
         return f"Something is missing that no effect here describes; see where it lies{offered}."

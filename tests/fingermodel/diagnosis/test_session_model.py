@@ -22,6 +22,7 @@ from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.whitening import whitened
 from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
+from fingermodel.effects.user import shipped_effects
 from fingermodel.session import Session
 
 Floats = NDArray[np.float64]
@@ -356,7 +357,7 @@ def test_an_effect_gains_nothing_by_many_candidates_or_forms(candidates: Candida
 
 def test_what_rigs_are_known_to_do_is_outside(candidates: Candidates) -> None:
     outside = {c.effect for c in candidates.all if c.outside}
-    assert {"force_shunt", "edc_subluxation", "seating", "hysteresis", "tissue_relaxation"} >= outside
+    assert set(shipped_effects()) >= outside
     assert "force_shunt" in outside
     assert "hanger_mass" not in outside
 
