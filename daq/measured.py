@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import SessionError
 from daq.recordings.plateaus import Plateau
 from daq.sessions.models import LoadCase, Session
 
@@ -123,6 +124,7 @@ class MeasuredSession:
         estimated_tension: the same with its uncertainty, where it was estimated from the cases; None where stated.
         notes: what the reader of the results should know, such as converted units.
         creep: share of its force by which a loaded reading usually changes within its window; 0 where that is noise.
+        dead_forces: the cell's force channels that never change, in any window.
     """
 
     session: Session
@@ -135,12 +137,26 @@ class MeasuredSession:
     notes: tuple[str, ...]
     creep: float = 0.0
     estimated_tension: EstimatedTension | None = None
+    dead_forces: tuple[str, ...] = ()
 
     @property
     def tension_factor_rel_sd(self) -> float:
         """Relative standard uncertainty of the friction correction; 0 where it was stated."""
         estimate = self.estimated_tension
         return 0.0 if estimate is None else estimate.sd / estimate.value
+
+    def require_forces(self) -> None:
+        """Refuse to fit a force that was not read: its zeros would be taken for measured ones.
+
+        Raises:
+            SessionError: a force channel that never changes.
+        """
+        if self.dead_forces:
+            raise SessionError(
+                f"{self.session.readings}: {', '.join(self.dead_forces)} never changes in any window",
+                "the noise of a live channel",
+                "Look for a broken wire, or a column that was filled in",
+            )
 
     @cached_property
     def sha256(self) -> str:

@@ -82,7 +82,7 @@ def refit(
         progress: of `map`, is told the fraction that is done.
 
     Raises:
-        SessionError: no identification case.
+        SessionError: no identification case, or a force channel that never changes.
         InputError: no such method or plane, or a plane with `slsqp`, which is posed in the sagittal plane.
 
     Example:
@@ -94,6 +94,7 @@ def refit(
         'mm'
     """
     require_session(session)
+    session.measured.require_forces()
     _require_starts(starts)
     if method not in ("map", "slsqp"):
         raise InputError(f"method {method!r}", "map or slsqp")
@@ -132,6 +133,7 @@ def add(
 
     Raises:
         ModelError: no such effect, or one that cannot act in this session.
+        SessionError: as of `refit`.
         InputError: an effect is to be taken out that the model does not hold.
 
     Example:
@@ -142,6 +144,7 @@ def add(
         '29 g'
     """
     require_session(session)
+    session.measured.require_forces()
     _require_starts(starts)
     for name in effects:
         if not isinstance(name, str):
@@ -168,7 +171,7 @@ def diagnose(session: Session, *, thorough: bool = False, progress: Progress | N
         progress: is told the fraction that is done.
 
     Raises:
-        SessionError: no identification case.
+        SessionError: no identification case, or a force channel that never changes.
 
     Example:
         >>> from fingermodel import Session, diagnose
@@ -180,6 +183,7 @@ def diagnose(session: Session, *, thorough: bool = False, progress: Progress | N
         True
     """
     require_session(session)
+    session.measured.require_forces()
     return Diagnosis(
         search(
             session.model,

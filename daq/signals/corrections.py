@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SessionError
 from daq.measured import MeasuredCase, MeasuredCheck, MeasuredSession, Tare
+from daq.recordings.columns import HEADERS
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock, open_readings
 from daq.recordings.windows import Span, gather
@@ -81,8 +82,10 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
     tares, index = _tares(cases, plateaus, transforms)
     weights = np.zeros((len(cases), len(tares)))
     drift = _drift_per_s(cases, tares, index)
-    dead = _dead_moments(plateaus)
-    unread = {mount: (transform.matrix != 0.0) @ dead for mount, transform in transforms.items()}
+    dead = _dead_channels(plateaus)
+    # A force is left as it is: `MeasuredSession.require_forces` says so to whoever would fit it.
+    dead_moments = dead & (np.arange(6) >= 3)
+    unread = {mount: (transform.matrix != 0.0) @ dead_moments for mount, transform in transforms.items()}
     measured = []
     for row, case in enumerate(cases):
         if case.loaded_s is None or case.unloaded_s is None:
@@ -129,6 +132,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
         tension_factor_source="stated by the session",
         notes=notes,
         creep=_creep(measured, transforms),
+        dead_forces=tuple(name for name, is_dead in zip(HEADERS[1:4], dead[:3], strict=True) if is_dead),
     )
     return _with_estimate(out) if isinstance(stated, TensionEstimate) else out
 
@@ -168,16 +172,16 @@ def windows_of(session: Session) -> dict[Span, str]:
     return out
 
 
-def _dead_moments(plateaus: Mapping[Span, Plateau]) -> NDArray[np.bool_]:
-    """Say which of the cell's channels (6,) are moments that never change, in any window.
+def _dead_channels(plateaus: Mapping[Span, Plateau]) -> NDArray[np.bool_]:
+    """Say which of the cell's channels (6,) never change, in any window.
 
     Such a channel is a wire that is broken, or a column of a three-axis recording that was filled in. Its readings are
-    no moments of zero. Forces are left as they are: without one of them there is no session, and `check` says so.
+    no measured zeros.
     """
     means = np.array([p.mean for p in plateaus.values()]).reshape(-1, 6)
     steps = np.array([p.step for p in plateaus.values()]).reshape(-1, 6)
-    dead = ~steps.any(axis=0) & np.isclose(means, means[:1], rtol=1e-12, atol=1e-12).all(axis=0) & (len(means) > 1)
-    return dead & (np.arange(6) > 2)
+    same = np.isclose(means, means[:1], rtol=1e-12, atol=1e-12).all(axis=0)
+    return np.asarray(~steps.any(axis=0) & same & (len(means) > 1))
 
 
 def _tares(

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fingermodel import comparing
+from fingermodel import add, comparing
 from fingermodel.comparison.comparison import Comparison, compare
-from fingermodel.diagnosis.answer.addition import Addition, add_effects
+from fingermodel.diagnosis.answer.addition import Addition
 from fingermodel.effects.formula import formula_effect
 from fingermodel.effects.formula_language import one_line
 from fingermodel.effects.user import load_effect, shipped_effects
@@ -29,9 +29,7 @@ def add_bench(
 
     Both comparisons are of the cases that count.
     """
-    held = bench.held_without(without)
-    start = bench.theta if bench.refitted else None
-    addition = add_effects(bench.model, bench.observations, names, held=held, start=start, progress=tell)
+    addition = add(bench, *names, without=without, progress=tell)
     apart = addition.fit.errors.not_counted
     after = compare(bench.model, bench.observations, addition.fit.theta).without(apart)
     return comparing.compare(bench).without(apart), addition, after

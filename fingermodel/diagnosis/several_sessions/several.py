@@ -88,9 +88,12 @@ def diagnose_pooled(
 
     Raises:
         InputError: two of the sessions hold the same readings, or have one id.
+        SessionError: a force channel that never changes.
     """
     measured = [s.measured for s in sessions]
     require_apart(measured)
+    for one in measured:
+        one.require_forces()
     names = tuple(s.id for s in sessions)
     began = time.perf_counter()
     tell = progress or (lambda _: None)

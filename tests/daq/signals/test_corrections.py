@@ -55,6 +55,17 @@ def test_a_moment_that_never_changes_is_not_read(turned: dict[str, Any], unread:
         np.testing.assert_allclose(case.wrench[read], whole.wrench[read], atol=1e-12)
 
 
+def test_a_force_that_never_changes_is_told_to_whoever_would_fit_it(tmp_path: Path) -> None:
+    levels = [ZERO, ZERO + WRENCH, 2 * ZERO, 2 * ZERO - WRENCH]
+    block = record(levels, noise=0.02)
+    measure(bench(tmp_path / "live", recorded(2), block)).require_forces()
+    block.wrench[:, 1] = 0.0
+    dead = measure(bench(tmp_path / "dead", recorded(2), block))
+    assert dead.dead_forces == ("Fy_N",)
+    with pytest.raises(SessionError, match="Fy_N never changes in any window; expected the noise of a live channel"):
+        dead.require_forces()
+
+
 @pytest.mark.parametrize("share", [0.0, 0.1, -0.05])
 def test_creep_within_the_windows_is_a_share_of_the_force(share: float, tmp_path: Path) -> None:
     data, block = creeping(share)
