@@ -6,10 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from fingermodel.arrays import Floats
 from fingermodel.comparison.comparison import Comparison, compare
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
@@ -50,8 +49,6 @@ from fingermodel.diagnosis.verdict.verdict import (
 )
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

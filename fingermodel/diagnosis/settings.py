@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from fingermodel.arrays import Floats
 
 
 class Amount(NamedTuple):
@@ -23,7 +24,7 @@ class Amount(NamedTuple):
 
     some: float
     scale: float
-    values: NDArray[np.float64]
+    values: Floats
 
     def times(self, unit: float) -> Amount:
         """The same of a size that is stated as a multiple of something."""

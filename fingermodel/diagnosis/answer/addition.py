@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.errors import ModelError
+from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, GRIDS, Hyperparameters, Node
@@ -25,8 +25,6 @@ from fingermodel.fitting.identification import refit_map
 from fingermodel.fitting.problems import Problem
 from fingermodel.fitting.reading_errors import ReadingErrors
 from fingermodel.model import Model
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

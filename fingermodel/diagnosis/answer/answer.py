@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fingermodel.diagnosis.answer.effect_size import effect_size
@@ -22,8 +20,6 @@ from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits
 from fingermodel.parameters import with_unit
-
-Floats = NDArray[np.float64]
 
 # Effects are shown from this probability on.
 _SHOWN = 1e-4

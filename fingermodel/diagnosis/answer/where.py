@@ -6,15 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.comparison.comparison import compare, muscles_of, rmse, summarise
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from fingermodel.fingers import COMPONENTS, PLANES
 from fingermodel.fitting.problems import Problem
 from fingermodel.model import tip_kinematics_batch
-
-Floats = NDArray[np.float64]
 
 # Parameters of the budget that are told, from so many of their stated widths on.
 BENT = 2.0

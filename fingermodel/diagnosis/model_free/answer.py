@@ -8,17 +8,15 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import chdtrc
 
+from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.fitting.roots import root_of
 
-Floats = NDArray[np.float64]
 Verdict = Literal["holds", "violated", "not_tested"]
 
-Rows = NDArray[np.bool_]
 
 VIOLATED_BELOW = 1e-3
 # Where no reading states its noise, its size is log-normal by this factor: multiples of its variance, with weights.
@@ -83,8 +81,7 @@ class Residuals:
 
     @cached_property
     def _solved(self) -> Floats:
-        out: Floats = cho_solve((self._factor, True), self.value)
-        return out
+        return cho_solve((self._factor, True), self.value)
 
     @property
     def chi2(self) -> float:
@@ -108,14 +105,13 @@ class Residuals:
     @property
     def unexplained(self) -> Floats:
         """(k,) what the most probable budget errors leave of them."""
-        out: Floats = self.noise @ self._solved
-        return out
+        return self.noise @ self._solved
 
     def all(self, what: str) -> Test:
         """Test whether they vanish together."""
         return self._test(what, self.chi2, len(self.value))
 
-    def part(self, what: str, rows: Rows) -> Test:
+    def part(self, what: str, rows: Mask) -> Test:
         """Test whether some of them vanish."""
         value, covariance = self.value[rows], self.covariance[np.ix_(rows, rows)]
         return self._test(what, float(value @ np.linalg.solve(covariance, value)), int(rows.sum()))

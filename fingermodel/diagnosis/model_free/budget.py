@@ -13,14 +13,12 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import Residuals, figure
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 K = TypeVar("K", bound=Hashable)
 
 # Nobody reads a cell better than this: 1 mN and 0.02 N mm.
@@ -51,7 +49,7 @@ class Readings:
     model: Model
     observations: Observations
     wrench: Floats
-    read: Rows
+    read: Mask
     tension: Floats
     jacobian: Floats
     to_base: Floats
@@ -219,8 +217,7 @@ class Readings:
     @cached_property
     def _turned(self) -> Floats:
         """(n, force or moment, component, axis) what a turn about each axis makes of every force and moment."""
-        out: Floats = np.einsum("abc,nkc->nkba", _CROSS, self.wrench.reshape(-1, 2, 3))
-        return out
+        return np.einsum("abc,nkc->nkba", _CROSS, self.wrench.reshape(-1, 2, 3))
 
     def _mountings(self) -> Floats:
         """(6 n, errors) by the cell's rotation, zero and offset in each mounting.
@@ -253,8 +250,7 @@ class Readings:
     @cached_property
     def _set(self) -> Floats:
         """(n, settings) 1 where a case was read in a setting."""
-        out: Floats = np.eye(len(self.observations.layout.settings))[self.setting]
-        return out
+        return np.eye(len(self.observations.layout.settings))[self.setting]
 
     @cached_property
     def angles(self) -> tuple[Floats, Floats]:
@@ -292,14 +288,13 @@ class Readings:
             np.einsum("ncr,ng->ncgr", sd * by_arm, alike).reshape(6 * n, -1),
         )
 
-    def _as_read(self, change: Floats, turned: Floats, at_bone: Rows) -> Floats:
+    def _as_read(self, change: Floats, turned: Floats, at_bone: Mask) -> Floats:
         """Change of the tip wrench (n, 6, errors), and of its direction (n, 3, errors), as the cell sees it."""
         at_base = np.zeros_like(change)
         at_base[:, :3] = -self.to_base @ (change[:, :3] + turned)
-        out: Floats = np.where(at_bone[:, None, None], at_base, change)
-        return out
+        return np.where(at_bone[:, None, None], at_base, change)
 
-    def _tip_wrench(self, at_bone: Rows) -> Floats:
+    def _tip_wrench(self, at_bone: Mask) -> Floats:
         """(n, 6) tip wrench of every case, from its balance where the bone was read and the tip never was."""
         tip = self.wrench.copy()
         read = self.groups(self.at("tip"), lambda i: (self.observations.postures[i], self.masses[i]))

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import figure
 from fingermodel.diagnosis.model_free.budget import Readings, readings_of
 from fingermodel.model import Model
-
-Floats = NDArray[np.float64]
 
 # So many loads, in so many postures, must balance at once; fewer may by chance.
 LEAST_LOADS, LEAST_POSTURES = 4, 2
@@ -178,8 +176,7 @@ def _carried(way: _Way, tip: Floats, bone: Floats, to_base: Floats) -> Floats:
     """(loads, 3) what tip and bone carry together, in the metacarpal's axes."""
     at_tip = tip @ way.tip.T
     turned = at_tip if way.tip_in_base else np.einsum("kab,kb->ka", to_base, at_tip)
-    out: Floats = turned + bone @ way.bone.T
-    return out
+    return turned + bone @ way.bone.T
 
 
 def _ways() -> Iterator[_Way]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.model_free.answer import (
     Estimate,
     Null,
@@ -23,7 +23,6 @@ from fingermodel.diagnosis.model_free.answer import (
 )
 from fingermodel.diagnosis.model_free.budget import Readings
 
-Floats = NDArray[np.float64]
 # A load with the cases in which it hung.
 Levels: TypeAlias = list[tuple[float, list[int]]]
 

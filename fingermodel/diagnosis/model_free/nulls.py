@@ -10,8 +10,8 @@ Here are the tests by statics; `loads` compares loads with loads.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import Null, Residuals, concluded, count, figure, not_tested, pm
 from fingermodel.diagnosis.model_free.budget import Readings, readings_of
@@ -21,7 +21,6 @@ from fingermodel.fingers import COMPONENTS
 from fingermodel.model import Model
 
 __all__ = ["Null", "nulls"]
-Floats = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from daq.documents import unique_keys
@@ -24,7 +23,6 @@ from daq.files import replacing
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.next_cases.next_cases import Plan
 
-Floats = NDArray[np.float64]
 FORMAT = "fingertwin-frozen/1"
 # A prediction holds unless noise would be further away once in a hundred times …
 HOLDS = 0.01

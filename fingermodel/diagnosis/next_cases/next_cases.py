@@ -13,9 +13,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from fingermodel.arrays import Floats
 from fingermodel.comparison.comparison import muscles_of
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.diagnose import Diagnosis
@@ -26,8 +26,6 @@ from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SEED, SURE, WORTH_NAT
 from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of
 from fingermodel.stages import LoadCaseInput
-
-Floats = NDArray[np.float64]
 
 DRAWS = 48
 OFFERED = 5
@@ -302,8 +300,7 @@ def most_information(means: Floats, covariances: Floats, prior: Floats) -> Float
     away = np.einsum("cjab,cijb->cija", inverse, means[:, :, None] - means[:, None])
     squares = (turned**2).sum(axis=(3, 4)) + (away**2).sum(axis=3)
     divergence = 0.5 * (squares - means.shape[2] + log_det[:, None, :] - log_det[:, :, None])
-    out: Floats = -logsumexp(np.log(np.maximum(prior, 1e-300)) - divergence, axis=2) @ prior
-    return out
+    return -logsumexp(np.log(np.maximum(prior, 1e-300)) - divergence, axis=2) @ prior
 
 
 def _parted(names: Sequence[str], each: dict[str, tuple[Floats, Floats]], prior: Floats) -> tuple[str, ...]:

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.settings import Amount
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +77,7 @@ def _cells(values: Floats, cdf: Callable[[Floats], Floats]) -> Floats:
     """Probability of the cells about values that begin at 0, by a distribution function up to a factor."""
     edges = np.concatenate([[0.0], _between(values), [np.inf]])
     probability = np.diff(cdf(edges))
-    out: Floats = np.maximum(probability / probability.sum(), 1e-12)
-    return out
+    return np.maximum(probability / probability.sum(), 1e-12)
 
 
 def _between(values: Floats) -> Floats:

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from fingermodel.arrays import Floats, Ints
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.discrepancy import smooth_over
 from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 Stage = Literal["arms", "tension", "force"]
 STAGES: tuple[Stage, ...] = ("arms", "tension", "force")
 UNITS: dict[Stage, str] = {"arms": "mm", "tension": "1", "force": "N"}

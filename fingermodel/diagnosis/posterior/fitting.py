@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.posterior.whitening import Whitening
@@ -15,8 +15,6 @@ from fingermodel.diagnosis.session_model.candidates import Candidates, Explanati
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.fitting.identification import reading_slopes, solve
 from fingermodel.fitting.problems import Problem
-
-Floats = NDArray[np.float64]
 
 # Rounds of optimum and hyperparameters, and units of chi-square that a step must promise.
 _ROUNDS, _FLOOR = 3, 0.02

@@ -10,16 +10,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 from scipy.linalg.lapack import dtrtrs
 from scipy.special import log_ndtr, ndtri_exp
 
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.fitting.roots import root_of, root_of_one_plus
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +214,7 @@ def _freed_evidence(misfit: Floats, score: Floats, inner: Floats, cut: Mask) -> 
     sd = np.sqrt(np.einsum("sji,sji->si", inverse, inverse))
     mass = np.where(cut, np.log(2.0) + log_ndtr(mean / sd), 0.0).sum(axis=1)
     log_det = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-    out: Floats = -0.5 * (misfit - (step**2).sum(axis=1)) - log_det + mass
-    return out
+    return -0.5 * (misfit - (step**2).sum(axis=1)) - log_det + mass
 
 
 def log_mass(mean: Floats, covariance: Floats, cut: Mask) -> float:
@@ -266,8 +261,7 @@ def gain_of_each(information: Floats, score: Floats) -> Floats:
         information: (…) of each weight.
         score: (…) of each.
     """
-    out: Floats = 0.5 * score**2 / (1.0 + information) - 0.5 * np.log1p(information)
-    return out
+    return 0.5 * score**2 / (1.0 + information) - 0.5 * np.log1p(information)
 
 
 @cache
@@ -278,5 +272,4 @@ def _evenly(count: int, dimensions: int) -> Floats:
     for _ in range(60):
         ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
     steps = ratio ** -np.arange(1.0, dimensions + 1.0)
-    out: Floats = (np.arange(count)[:, None] * steps[None, :] + 0.5) % 1.0
-    return out
+    return (np.arange(count)[:, None] * steps[None, :] + 0.5) % 1.0

@@ -9,15 +9,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis import settings
 from fingermodel.diagnosis.posterior.axis import Axis
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
 from fingermodel.diagnosis.session_model.session import Session
-
-Floats = NDArray[np.float64]
 
 # Indices on the axes: scatter of tensions, noise, the other kinds of scatter (see `CaseErrors`), budget, anatomy,
 # errors by group of cases (see `GroupErrors`), something smooth of each family (see `Session.smooth`), and what carries

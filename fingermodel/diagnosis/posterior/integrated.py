@@ -6,16 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from fingermodel.arrays import Floats, Ints
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OWN, Linearised
 from fingermodel.diagnosis.session_model.bad_cases import Apart, gain_if_bad
 from fingermodel.fitting.roots import root_of_one_plus
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

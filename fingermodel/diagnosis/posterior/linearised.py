@@ -12,8 +12,8 @@ from itertools import groupby
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import ACTING, OF_CASES, Hyperparameters, Node
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
@@ -23,10 +23,6 @@ from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.fitting.fit_report import held_at_bound
 from fingermodel.fitting.identification import slopes_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 # Names of the blocks; `torque:`, … of something smooth and `form0`, … besides.
 HELD, BUDGET, ANATOMY = ACTING

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, GROUPS, NOISE, OTHER_SCATTER, SCATTER, Node
@@ -17,7 +16,6 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import EVIDENCE_POWER
 
-Floats = NDArray[np.float64]
 K = TypeVar("K", bound=Hashable)
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.diagnosis.posterior.gaussian import (
     Everything,
     Freed,
@@ -28,9 +28,6 @@ from fingermodel.diagnosis.posterior.own_part import OwnPart
 from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import FAR, WITHIN
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 # Prior widths from its null at which a parameter begins of which nothing is known.
 _AWAY = 0.5
@@ -63,7 +60,7 @@ class Optimum(Integrated):
         return self.unkept <= _SETTLED
 
     @cached_property
-    def _one_sided(self) -> NDArray[np.bool_]:
+    def _one_sided(self) -> Mask:
         return np.asarray(self.session.model.parameters.one_sided[self.parameters_of[OWN]])
 
     def freed(self, node: Node, width: float = 1.0) -> Freed:
@@ -274,5 +271,4 @@ class Optimum(Integrated):
         changed = self.whitening(node) @ (residuals - self.residual[:, None])
         turned = np.column_stack([left, left[:, None] + changed])
         misfit = (turned**2).sum(axis=0) - ((across @ turned) ** 2).sum(axis=0)
-        out: Floats = self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
-        return out
+        return self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])

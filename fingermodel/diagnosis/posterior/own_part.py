@@ -7,15 +7,13 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.hyper import ACTING, FORMS, GROUPS, SMOOTH, Node
 from fingermodel.diagnosis.posterior.linearised import Linearised
 from fingermodel.diagnosis.settings import FORM_NAMED
 from fingermodel.fitting.roots import root_of_one_plus
-
-Floats = NDArray[np.float64]
 
 
 class OwnPart:

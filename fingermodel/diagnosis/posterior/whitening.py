@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, shared_root
 from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 from fingermodel.fitting.tiles import Tiles
-
-Floats = NDArray[np.float64]
 
 # Readings for each shared weight from which the weights are eliminated, and not the readings.
 _MANY = 2

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session
-
-Floats = NDArray[np.float64]
 
 # One slip after another: the case that is bad, or the two that were exchanged.
 Slipped = tuple[frozenset[int], ...]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -23,8 +23,6 @@ from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import FAR, MOST_FITS, WITHIN
-
-Floats = NDArray[np.float64]
 
 # Singles from which pairs are made, and most pairs that are fitted first; and singles that are fitted whatever they
 # promise, about the base and about where all candidates fit.

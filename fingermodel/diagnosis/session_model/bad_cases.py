@@ -6,18 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betainc
 
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, LONGEST_MM, P_BAD, TAIL_N
-
-Floats = NDArray[np.float64]
 
 # Log odds of a case to be bad, before its reading.
 LOG_PRIOR_ODDS = float(np.log(P_BAD / (1.0 - P_BAD)))
 
 
-def bad_size(moment: NDArray[np.bool_], reading: Floats, pulled_N: Floats, usual_N: float) -> Floats:
+def bad_size(moment: Mask, reading: Floats, pulled_N: Floats, usual_N: float) -> Floats:
     """How far each reading of a bad case may be off [N, N mm].
 
     What reads more than any usual load can make may be off by as much as it reads. What was entered to pull more than
@@ -33,8 +31,7 @@ def bad_size(moment: NDArray[np.bool_], reading: Floats, pulled_N: Floats, usual
     most, lever = 2.0 * usual_N, np.where(moment, LEVER_MM, 1.0)
     read = np.where(np.abs(reading) > most * np.where(moment, LONGEST_MM, 1.0), np.abs(reading), 0.0)
     entered = np.where(pulled_N > most, pulled_N * lever, 0.0)
-    out: Floats = np.maximum(np.maximum(read, entered), BAD_N * lever)
-    return out
+    return np.maximum(np.maximum(read, entered), BAD_N * lever)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +48,14 @@ class Apart:
     """
 
     case: int
-    rows: NDArray[np.intp]
+    rows: Ints
     away: Floats
     covariance: Floats
     anything: float
     tail: float
 
     @classmethod
-    def of(cls, case: int, rows: NDArray[np.intp], size: Floats, precision: Floats, score: Floats, bad: bool) -> Apart:
+    def of(cls, case: int, rows: Ints, size: Floats, precision: Floats, score: Floats, bad: bool) -> Apart:
         """From the readings' block of the session's precision.
 
         Args:
@@ -94,11 +91,10 @@ def gain_if_bad(information: Floats, score: Floats) -> Floats:
     """
     inner = information + np.eye(information.shape[-1])
     solved = np.linalg.solve(inner, score[..., None])[..., 0]
-    out: Floats = 0.5 * (score * solved).sum(axis=-1) - 0.5 * np.linalg.slogdet(inner)[1]
-    return out
+    return 0.5 * (score * solved).sum(axis=-1) - 0.5 * np.linalg.slogdet(inner)[1]
 
 
-def chance_of(bad: NDArray[np.intp] | int, cases: int) -> Floats:
+def chance_of(bad: Ints | int, cases: int) -> Floats:
     """Probability that so many cases or more of all are bad."""
     # The binomial's tail; `scipy.stats`, which has it by name, takes half a second to import.
     least = np.clip(bad, 1, None)

@@ -10,8 +10,8 @@ from itertools import product
 from math import factorial, prod
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Mask
 from fingermodel.diagnosis.settings import P_NOTHING, P_OUTSIDE, P_SIZES
 from fingermodel.fitting.problems import out_of_plane
 from fingermodel.model import Model
@@ -174,7 +174,7 @@ class Candidates:
         return float(np.log(mass * orders * np.prod(each)))
 
 
-def free_mask(model: Model, explanation: Explanation) -> NDArray[np.bool_]:
+def free_mask(model: Model, explanation: Explanation) -> Mask:
     """(parameters,) which of them an explanation frees."""
     out = np.zeros(len(model.parameters), dtype=bool)
     out[list(explanation.parameters)] = True

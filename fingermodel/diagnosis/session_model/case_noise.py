@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Ints
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
 from fingermodel.fitting.roots import root_of
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 # A reading is never better known than this [N; a tenth of it a N mm].
 _LEAST_N = 1e-3
@@ -40,8 +37,7 @@ class CaseErrors(NamedTuple):
     @property
     def variances(self) -> Floats:
         """(kinds,) of scatter: of tensions, components, directions and angles."""
-        out: Floats = np.array([self.scatter, self.component, self.direction, self.angle_rad]) ** 2
-        return out
+        return np.array([self.scatter, self.component, self.direction, self.angle_rad]) ** 2
 
 
 class Scatter(NamedTuple):
@@ -55,7 +51,7 @@ class Scatter(NamedTuple):
     by_tension: Floats
     by_angle: Floats
 
-    def of_kinds(self, at: Rows, unit: Floats) -> Floats:
+    def of_kinds(self, at: Ints, unit: Floats) -> Floats:
         """Covariance (kinds, g, L, L) of some rows (g, L) by a scatter of each kind that is 1 (see `CaseErrors`).
 
         Args:
@@ -87,15 +83,15 @@ class CaseNoise:
         assumed: whether the noise is.
     """
 
-    groups: tuple[tuple[Rows, Floats, Floats], ...]
+    groups: tuple[tuple[Ints, Floats, Floats], ...]
     bad_size: Floats
-    cases: Rows
+    cases: Ints
     unit: Floats
     assumed: bool
 
     @classmethod
     def of(
-        cls, blocks: Floats, rows: Rows, scatter: Scatter, unit: Floats, bad_size: Floats, assumed: bool
+        cls, blocks: Floats, rows: Ints, scatter: Scatter, unit: Floats, bad_size: Floats, assumed: bool
     ) -> CaseNoise:
         """Sort readings by case.
 
@@ -117,8 +113,8 @@ class CaseNoise:
             groups.append((at, own, scatter.of_kinds(at, unit[at])))
         return cls(tuple(groups), bad_size, cases, unit, assumed)
 
-    def covariances(self, errors: CaseErrors, bad: Collection[int]) -> list[tuple[Rows, Floats]]:
-        """Rows and covariance (g, L, L) of each group.
+    def covariances(self, errors: CaseErrors, bad: Collection[int]) -> list[tuple[Ints, Floats]]:
+        """Ints and covariance (g, L, L) of each group.
 
         Args:
             errors: how large they are.
@@ -132,7 +128,7 @@ class CaseNoise:
             out.append((rows, blocks + _each(is_bad[:, None] * self.bad_size[rows] ** 2)))
         return out
 
-    def whitening(self, errors: CaseErrors, bad: Collection[int]) -> tuple[list[tuple[Rows, Floats]], float]:
+    def whitening(self, errors: CaseErrors, bad: Collection[int]) -> tuple[list[tuple[Ints, Floats]], float]:
         """Inverse roots (g, L, L) of the same, and ln det of the whole covariance."""
         out, log_det = [], 0.0
         for rows, blocks in self.covariances(errors, bad):
@@ -176,5 +172,4 @@ def by_case(mean: Floats, unit: Floats, errors: CaseErrors, groups: GroupErrors)
 
 def _each(variance: Floats) -> Floats:
     """Diagonal covariance (…, L, L) of variances (…, L)."""
-    out: Floats = variance[..., None] * np.eye(variance.shape[-1])
-    return out
+    return variance[..., None] * np.eye(variance.shape[-1])

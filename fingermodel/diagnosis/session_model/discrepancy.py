@@ -10,13 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.settings import LEVER_MM, POSTURE_RAD
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 # Smaller parts of something smooth: what bends with the load, what a load has whatever its size, what a setting has.
 _BENDS, _ANY_LOAD, _OF_SETTING = 0.3, 0.2, 0.5
@@ -41,21 +38,20 @@ class Places:
         cases: (n,) index of its case.
     """
 
-    kinds: list[NDArray[np.bool_]]
+    kinds: list[Mask]
     load: Floats
     smooth: Floats
     settings: Floats
-    moment: NDArray[np.bool_]
-    cases: Rows
+    moment: Mask
+    cases: Ints
 
     @property
     def unit(self) -> Floats:
         """(n,) what of each reading counts as much as a newton."""
-        out: Floats = np.where(self.moment, LEVER_MM, 1.0)
-        return out
+        return np.where(self.moment, LEVER_MM, 1.0)
 
     @classmethod
-    def of(cls, observations: Observations, rows: Rows) -> Places:
+    def of(cls, observations: Observations, rows: Ints) -> Places:
         """Places of some readings.
 
         Args:
@@ -140,7 +136,7 @@ def constant_columns(at: Places) -> Floats:
     return reduced(at, [rows.astype(float) for rows in at.kinds], np.concatenate(of_settings, axis=1))
 
 
-def form_columns(at: Places, change: Floats, rows: Rows) -> Floats:
+def form_columns(at: Places, change: Floats, rows: Ints) -> Floats:
     """Columns (n, k) of an error in an effect's form, relative to what the effect changes.
 
     Args:
@@ -195,13 +191,11 @@ def reduced(at: Places, varying: Sequence[Floats], alike: Floats | None = None) 
         row /= np.sqrt(left[pivot])
         left -= row**2
         left[pivot], root[rank], rank = 0.0, row, rank + 1
-    out: Floats = root[:rank].T * at.unit[:, None]
-    return out
+    return root[:rank].T * at.unit[:, None]
 
 
 def smooth_over(angles: Floats) -> Floats:
     """Root (postures, postures) of a covariance that falls with the distance of postures (postures, rotations)."""
     distance = ((angles[:, None, :] - angles[None, :, :]) ** 2).sum(axis=-1)
     values, vectors = np.linalg.eigh(np.exp(-0.5 * distance / POSTURE_RAD**2))
-    out: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
-    return out
+    return vectors * np.sqrt(np.maximum(values, 0.0))

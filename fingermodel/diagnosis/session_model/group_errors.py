@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.budget import Budget
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.settings import LEVER_MM, LINE_RAD, WEIGHT
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 # Tensions [N] that agree in so many digits are of one weight.
 _ALIKE_DIGITS = 6
@@ -54,7 +50,7 @@ class GroupErrors(NamedTuple):
 
 
 def by_group(
-    observations: Observations, rows: Rows, suture: Floats, by_tension: Floats, by_angle: Floats
+    observations: Observations, rows: Ints, suture: Floats, by_tension: Floats, by_angle: Floats
 ) -> dict[str, Floats]:
     """(n, k) change of every reading per unit of each of the errors, in one group a column.
 
@@ -89,7 +85,7 @@ def by_group(
     }
 
 
-def _of_weights(tension: Floats, cases: Rows, by_tension: Floats) -> Floats:
+def _of_weights(tension: Floats, cases: Ints, by_tension: Floats) -> Floats:
     """Columns (n, k) of the error of each weight that hangs in several cases.
 
     Half of its variance is of the weight on whichever tendon, half of what hangs on one tendon.
@@ -103,7 +99,7 @@ def _of_weights(tension: Floats, cases: Rows, by_tension: Floats) -> Floats:
     return np.array(columns).reshape(-1, len(cases)).T
 
 
-def _of_lines(tension: Floats, rows: Rows, suture: Floats) -> Floats:
+def _of_lines(tension: Floats, rows: Ints, suture: Floats) -> Floats:
     """Change (n, 3 muscles) of every reading at the metacarpal per radian of each tendon's line about each axis."""
     across = np.cross(np.eye(3)[:, None], suture)
     pulled = np.zeros((len(tension), *across.shape[:2], 6))
@@ -125,8 +121,7 @@ def _to_and_fro(where: Sequence[Floats], elapsed: Floats) -> list[Floats]:
 def waves(share: Floats) -> Floats:
     """Slow changes (n, k) over a time of which a share (n,) has passed: half waves, the slower, the larger."""
     halves = np.array(_WAVES)
-    out: Floats = np.cos(np.pi * share[:, None] * halves) / halves
-    return out
+    return np.cos(np.pi * share[:, None] * halves) / halves
 
 
 def in_each(where: Sequence[Floats | Mask], changes: Floats) -> Floats:
@@ -135,7 +130,7 @@ def in_each(where: Sequence[Floats | Mask], changes: Floats) -> Floats:
     return columns[:, columns.any(axis=0)]
 
 
-def zero_moments(observations: Observations, rows: Rows, size_N: float) -> Floats:
+def zero_moments(observations: Observations, rows: Ints, size_N: float) -> Floats:
     """Columns (n, k) of the moments at the tip that the tare missed, one for each mounting and axis.
 
     Args:

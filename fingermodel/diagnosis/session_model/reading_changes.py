@@ -8,8 +8,8 @@ from functools import cached_property
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.discrepancy import (
     Places,
@@ -24,10 +24,6 @@ from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 
 def is_smooth(block: str) -> bool:
@@ -106,8 +102,7 @@ class CaseChanges:
         bone = np.zeros_like(wrench)
         bone[:, :, :3] = -np.einsum("nij,nkj->nki", self._tips[1], wrench[:, :, :3])
         at_bone, check = np.asarray(self.inputs.at_bone), np.asarray(self.inputs.is_check)
-        out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
-        return out
+        return np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +117,7 @@ class ReadingChanges(CaseChanges):
 
     observations: Observations
     centre: Floats
-    rows: Rows
+    rows: Ints
     _smooth: dict[str, Floats] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -197,8 +192,7 @@ class ReadingChanges(CaseChanges):
 
     def of_rows(self, changes: Floats) -> Floats:
         """(n, k) of the readings, from changes (cases, 6, k) of all components."""
-        out: Floats = changes[self.rows // 6, self.rows % 6]
-        return out
+        return changes[self.rows // 6, self.rows % 6]
 
     def _clamp_twist(self) -> Floats:
         """(n, k) columns of Mx and My in every setting, with what the tip then carries besides."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.errors import SessionError
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors, CaseNoise, Scatter
@@ -26,10 +26,6 @@ from fingermodel.fingers import Plane, require_plane
 from fingermodel.fitting.problems import Problem, require_rows, weighted_problem
 from fingermodel.fitting.roots import root_of
 from fingermodel.model import Model
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 # Share of the loads that a heavy one exceeds.
 _HEAVY = 0.9
@@ -52,7 +48,7 @@ class Session:
     """
 
     problem: Problem
-    rows: Rows
+    rows: Ints
     fitted: Mask
     plane: Plane
     stated_scatter: float
@@ -173,11 +169,11 @@ class Session:
         return out
 
     @property
-    def _fitted_cases(self) -> Rows:
+    def _fitted_cases(self) -> Ints:
         return np.unique(self.rows[self.fitted] // 6)
 
     @property
-    def _unseen_cases(self) -> Rows:
+    def _unseen_cases(self) -> Ints:
         return np.unique(self.rows[~self.fitted] // 6)
 
     @property
@@ -187,7 +183,7 @@ class Session:
         return ~np.isin(postures[self._unseen_cases], postures[self._fitted_cases])
 
     @cached_property
-    def load_sets(self) -> Rows:
+    def load_sets(self) -> Ints:
         """(cases,) numbers of the sets of tendons that are loaded together at one mount."""
         inputs = self.observations.inputs
         loads = np.column_stack([np.asarray(inputs.tension) > 0.0, np.asarray(inputs.at_bone)])
@@ -232,7 +228,7 @@ def session_of(
     return Session(problem, rows, fitted, chosen, stated, changes, LinearisedErrors(changes))
 
 
-def _rows_of(observations: Observations, plane: Plane) -> tuple[Rows, Mask]:
+def _rows_of(observations: Observations, plane: Plane) -> tuple[Ints, Mask]:
     """Readings that count, and which of them are fitted.
 
     Forces of all cases and checks, and all moments at the tip; moments at the bone depend on a clamp point that nobody

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.reading_changes import ReadingChanges
 from fingermodel.diagnosis.session_model.slips import Slip
 from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, P_TAIL, SLIP_SHARES
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

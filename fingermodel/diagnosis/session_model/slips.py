@@ -13,13 +13,12 @@ from typing import Literal, Protocol
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.settings import SLIP_SHARES
 from fingermodel.model import Model
 
-Floats = NDArray[np.float64]
 Kind = Literal["tendon", "mass", "unloaded", "kept", "posture", "exchanged", "window", "amount"]
 
 # Factors by which a mass is entered wrongly in another unit, or with its decimal point in another place.

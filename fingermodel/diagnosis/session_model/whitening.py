@@ -6,14 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
+from fingermodel.arrays import Floats, Ints
 from fingermodel.fitting.roots import root_of_one_plus
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +24,13 @@ class NoiseWhitening:
         log_det: of N + T Tᵀ.
     """
 
-    roots: list[tuple[Rows, Floats]]
+    roots: list[tuple[Ints, Floats]]
     left: csr_array
     right: csr_array
     log_det: float
 
     @classmethod
-    def of(cls, roots: list[tuple[Rows, Floats]], log_det: float, tares: Floats) -> NoiseWhitening:
+    def of(cls, roots: list[tuple[Ints, Floats]], log_det: float, tares: Floats) -> NoiseWhitening:
         """Make one.
 
         Args:
@@ -56,8 +53,7 @@ class NoiseWhitening:
 
     def by_case(self, rows: Floats) -> Floats:
         """Whitened rows (k, n), or one (n,), in units of the noise by case alone: times what the tares leave."""
-        out: Floats = rows - (rows @ self.left) @ self.right
-        return out
+        return rows - (rows @ self.left) @ self.right
 
 
 def shared_root(u: Floats) -> tuple[Floats, Floats, float]:
@@ -74,7 +70,7 @@ def shared_root(u: Floats) -> tuple[Floats, Floats, float]:
     return solve_triangular(root, u.T, lower=True, check_finite=False).T, right, log_det
 
 
-def whitened(roots: list[tuple[Rows, Floats]], columns: Floats) -> Floats:
+def whitened(roots: list[tuple[Ints, Floats]], columns: Floats) -> Floats:
     """Columns (n, k) or (n,) in units in which the noise by case is independent and of size 1."""
     flat = columns.reshape(len(columns), -1)
     out = np.empty_like(flat)

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from daq.findings import Finding
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
@@ -34,8 +34,6 @@ from fingermodel.diagnosis.several_sessions.several_verdict import (
 from fingermodel.diagnosis.several_sessions.shared_deciding import deciding
 from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
 from fingermodel.session import Session
-
-Floats = NDArray[np.float64]
 
 # Effects that are fitted in every session: singles, and pairs of the best of them.
 _SINGLES, _PAIRS = 6, 3

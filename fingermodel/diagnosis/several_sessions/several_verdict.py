@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import LEAST_CASES, SURE
 from fingermodel.diagnosis.verdict.verdict import Kind, words
 from fingermodel.parameters import Parameter
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

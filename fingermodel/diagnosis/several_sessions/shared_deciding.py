@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import (
@@ -28,8 +28,6 @@ from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
-
-Floats = NDArray[np.float64]
 
 # What is read: forces alone; Mz as well; forces where radiographs give the joint angles.
 READINGS = ("forces", "forces and Mz at the tip", "forces, and joint angles by radiograph")

@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SHARED_P, SURE
 from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
 from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from fingermodel.arrays import Floats, Ints
 from fingermodel.diagnosis.posterior.curves import (
     Curve,
     Curves,
@@ -30,8 +30,6 @@ from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SEED, SHARED_SIZES
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 T = TypeVar("T")
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.gaussian import gain_of_each
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OTHERS
@@ -20,8 +20,6 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import ALIKE
 from fingermodel.diagnosis.verdict.hints import Hint, library
 from fingermodel.diagnosis.verdict.predictive import unseen_errors
-
-Floats = NDArray[np.float64]
 
 # Laws that are looked at closely, and shown.
 _CLOSELY, _SHOWN = 40, 5
@@ -123,8 +121,7 @@ def _alike(fits: Sequence[Optimum], columns: Sequence[Floats], nodes: Sequence[N
         [fit.information(c, node)[0] for fit, c, node in zip(fits, columns, nodes, strict=True)], axis=0
     )
     size = np.sqrt(np.maximum(np.diag(information), 1e-12))
-    out: Floats = information / size[:, None] / size
-    return out
+    return information / size[:, None] / size
 
 
 def _effects(fits: Sequence[Optimum]) -> list[_Offer]:

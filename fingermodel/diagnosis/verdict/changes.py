@@ -8,16 +8,14 @@ from itertools import combinations, product
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, WRONG_ANGLE_RAD
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Kind = Literal["tendon_labels", "rows", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
 
 # Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
@@ -86,8 +84,7 @@ class Change:
     @property
     def cases(self) -> Mask:
         """(cases,) in which of them it acts."""
-        out: Mask = np.any(self.acts != 0.0, axis=1)
-        return out
+        return np.any(self.acts != 0.0, axis=1)
 
     @property
     def counts(self) -> bool:

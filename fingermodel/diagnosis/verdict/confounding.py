@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Floats, Mask
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.settings import ALIKE, DETECTABLE
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ def _inverse_root(block: Floats) -> Floats:
     return out if kept.any() else np.zeros((1, len(block)))
 
 
-def _classes(names: tuple[str, ...], correlation: Floats, shown: NDArray[np.bool_]) -> tuple[tuple[str, ...], ...]:
+def _classes(names: tuple[str, ...], correlation: Floats, shown: Mask) -> tuple[tuple[str, ...], ...]:
     """Connected sets of candidates that are alike and can be seen."""
     joined = (correlation >= ALIKE) & shown & shown[:, None]
     for k in range(len(names)):

@@ -13,18 +13,14 @@ from itertools import combinations, groupby, permutations, product
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import EXTRA_NOISE_N, P_VALUE
 from fingermodel.diagnosis.verdict.changes import MOST_BLOCKS, Amend, Change, Kind, of_label, postures_in_use
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 
 # Masses in another unit: what one that was entered as a gram is in grams.
 _UNITS_G = {
@@ -144,8 +140,7 @@ class Entries:
 
     def _residual(self, observations: Observations) -> Floats:
         predicted = np.asarray(self.session.model.predict(observations.inputs, self.theta).reading)
-        out: Floats = (np.nan_to_num(observations.wrench) - predicted).reshape(-1)[self.session.rows]
-        return out
+        return (np.nan_to_num(observations.wrench) - predicted).reshape(-1)[self.session.rows]
 
     def _tendons(self) -> Iterator[Corrected]:
         """Two tendons exchanged in all cases, in those of a mount or a posture, or from a change of either on."""

@@ -6,9 +6,9 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, expit, logit, logsumexp
 
+from fingermodel.arrays import Floats, Ints
 from fingermodel.comparison.comparison import rmse
 from fingermodel.diagnosis.posterior.hyper import BUDGET, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
@@ -20,8 +20,6 @@ from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_UNLIKE, P_VALUE
 from fingermodel.fitting.roots import root_of
-
-Floats = NDArray[np.float64]
 
 # Hyperparameters and explanations count from this probability on.
 _WEIGHT = 0.02
@@ -43,7 +41,7 @@ class Prediction:
 
     away: Floats
     covariance: Floats
-    cases: NDArray[np.intp]
+    cases: Ints
     bad_size: Floats
 
 

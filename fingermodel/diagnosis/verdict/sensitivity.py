@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fingermodel.arrays import Mask
 from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_NOTHING, SURE
 from fingermodel.diagnosis.verdict.verdict import Kind, Verdict
-
-Mask = NDArray[np.bool_]
 
 # Other priors on nothing, and factors on the effects' widths and the noise's index, that are shown.
 _PRIORS, _WIDTHS, _NOISES = (0.2, 0.8), (0.5, 2.0), (2,)

@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logit, logsumexp
 
+from fingermodel.arrays import Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Node
@@ -29,9 +29,6 @@ from fingermodel.diagnosis.verdict.corrections import OF_A_SLIP, Corrected, Entr
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.diagnosis.verdict.verdict import explains_as_stated, explains_with_rig_as_stated
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Faults that are fitted, of those that promise most.
 _FITTED = 2

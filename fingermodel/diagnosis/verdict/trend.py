@@ -10,16 +10,14 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.curves import Said, gain
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.group_errors import waves
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import P_VALUE, TREND
-
-Floats = NDArray[np.float64]
 
 # Information of a weight, and share of a column's, that is rounding.
 _LEAST = 1e-6
