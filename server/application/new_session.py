@@ -206,7 +206,7 @@ def suspects(bench: Session) -> list[Suspect]:
     """
     from fingermodel.diagnosis.session_model.slips import PossibleSlips
 
-    slips = PossibleSlips(bench)
+    slips = PossibleSlips(bench.model, bench.observations)
     observations, theta = bench.observations, bench.theta
     read = np.nan_to_num(observations.wrench)[:, :3]
     entered = np.asarray(bench.model.predict(observations.inputs, theta).reading)[:, :3]

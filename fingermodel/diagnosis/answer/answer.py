@@ -15,7 +15,7 @@ from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import LIVE, SURE
-from fingermodel.diagnosis.verdict.instruments import fault_remedy
+from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits
@@ -62,7 +62,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "suspects": suspects(d),
         "outliers": [d.session.observations.ids[case] for case in d.outliers],
         "session_faults": [
-            asdict(f) | {"amend": [asdict(a) for a in f.amend], "settled_by": fault_remedy(f.kind)} for f in d.faults
+            asdict(f) | {"amend": [asdict(a) for a in f.amend], "settled_by": FAULT_REMEDY[f.kind]} for f in d.faults
         ],
         "beyond": {
             "probability": posterior.p_beyond,
@@ -204,7 +204,7 @@ def sentence(d: Diagnosis) -> str:
         words = f"{fault.words[0].upper()}{fault.words[1:]}"
         return (
             f"A fault of the whole session (probability {fault.probability:.2f}): {words}. To be sure, "
-            f"{fault_remedy(fault.kind)}; then correct the session."
+            f"{FAULT_REMEDY[fault.kind]}; then correct the session."
         )
     titles = {e.name: e.title for e in d.session.model.effects}
     effect_of = {c.name: c.effect for c in d.candidates.all}

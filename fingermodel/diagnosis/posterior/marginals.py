@@ -231,10 +231,12 @@ class Posterior:
         variance = weight @ ((grid.values[at] - mean) ** 2 + grid.within[at] ** 2) / weight.sum()
         return mean, float(np.sqrt(variance))
 
-    @property
-    def scatter(self) -> tuple[float, float]:
-        """Of the tensions from case to case, relative: mean and standard deviation."""
-        return self.hyperparameter(SCATTER)
+    # Of tensions from case to case, relative; multiples of the stated budget and of the anatomy's widths; and of the
+    # noise (see `CaseErrors`): mean and standard deviation each.
+    scatter = property(lambda self: self.hyperparameter(SCATTER))
+    budget = property(lambda self: self.hyperparameter(BUDGET))
+    anatomy = property(lambda self: self.hyperparameter(ANATOMY))
+    noise = property(lambda self: self.hyperparameter(NOISE))
 
     @property
     def other_scatter(self) -> dict[str, tuple[float, float]]:
@@ -246,18 +248,3 @@ class Posterior:
         hidden = set(GROUPS) - fit.session.groups_shown
         hidden |= {kind for kind, axis in OTHER_SCATTER.items() if len(fit.hyper.axes[axis].values) == 1}
         return {kind: self.hyperparameter(axis) for kind, axis in OTHER_SCATTER.items() if kind not in hidden}
-
-    @property
-    def budget(self) -> tuple[float, float]:
-        """Multiple of the stated budget: mean and standard deviation."""
-        return self.hyperparameter(BUDGET)
-
-    @property
-    def anatomy(self) -> tuple[float, float]:
-        """Multiple of the widths of the anatomy's priors: mean and standard deviation."""
-        return self.hyperparameter(ANATOMY)
-
-    @property
-    def noise(self) -> tuple[float, float]:
-        """How large noise is (see `CaseErrors`): mean and standard deviation."""
-        return self.hyperparameter(NOISE)

@@ -27,25 +27,6 @@ def bad_in(slips: Slipped) -> frozenset[int]:
     return frozenset().union(*slips)
 
 
-@dataclass(eq=False)
-class FitCount:
-    """How many fits a search has made.
-
-    Attributes:
-        progress: is told the share done.
-        made: so far.
-    """
-
-    progress: Callable[[float], None] | None = None
-    made: int = 0
-
-    def one_more(self) -> None:
-        """Count a fit."""
-        self.made += 1
-        if self.progress:
-            self.progress(1.0 - _LEFT_PER_FIT**self.made)
-
-
 @dataclass(frozen=True, eq=False)
 class Beginning:
     """Two fits beside some cases that are taken for bad.
@@ -55,14 +36,14 @@ class Beginning:
         fitter: for further fits; scatter changes a reading as it does the finger that all candidates fit.
         every: all candidates at once.
         nothing: the base model.
-        count: of the fits so far.
+        beginner: that made it, and counts fits.
     """
 
     slips: Slipped
     fitter: Fitter
     every: Optimum
     nothing: Optimum
-    count: FitCount
+    beginner: Beginner
 
     @property
     def bad(self) -> frozenset[int]:
@@ -83,6 +64,9 @@ class Beginner:
         candidates: that may act.
         start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
         progress: is told the share done.
+
+    Attributes:
+        made: fits so far.
     """
 
     def __init__(
@@ -93,8 +77,14 @@ class Beginner:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         self.session, self.hyper = session, Hyperparameters.of(session)
-        self._candidates, self._start, self._count = candidates, start, FitCount(progress)
+        self._candidates, self._start, self._progress, self.made = candidates, start, progress, 0
         self._about_centre = Fitter(session, candidates, self.hyper)
+
+    def count_fit(self) -> None:
+        """Count one more fit."""
+        self.made += 1
+        if self._progress:
+            self._progress(1.0 - _LEFT_PER_FIT**self.made)
 
     @cached_property
     def _every(self) -> Explanation:
@@ -116,10 +106,10 @@ class Beginner:
         found = []
         for start in [*starts, *([] if self._start is None else [self._start])]:
             found.append(fitter.fit(NOTHING, start, every.mode, bad))
-            self._count.one_more()
+            self.count_fit()
         base = max(found, key=lambda fit: fit.log_posterior)
         if every.misfit(base.best) + every.unkept > base.misfit(base.best) + base.unkept:
             # With more free it fits no worse: the solver went astray.
             again = fitter.fit(explanation, base.theta, base.best, bad, 0.0)
             every = max(every, again, key=lambda fit: fit.log_posterior)
-        return Beginning(slips, fitter, every, base, self._count)
+        return Beginning(slips, fitter, every, base, self)

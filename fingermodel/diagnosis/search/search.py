@@ -140,7 +140,7 @@ class _Search:
         return self
 
     def _keep(self, found: Optimum) -> None:
-        self.begun.count.one_more()
+        self.begun.beginner.count_fit()
         known = self.fits.get(found.explanation)
         if known is None or found.log_posterior > known.log_posterior:
             self.fits[found.explanation] = found
@@ -254,7 +254,7 @@ class _Search:
 
     def _until_none_promises(self, most: int) -> None:
         """Fit neighbours of the leader that promise to come near it, and more than they have, until none is left."""
-        while self.begun.count.made < most:
+        while self.begun.beginner.made < most:
             leader = self.leader
             offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in self._asked]
             promised = self._offered(leader, offers)

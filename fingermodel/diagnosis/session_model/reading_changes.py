@@ -128,7 +128,7 @@ class ReadingChanges(CaseChanges):
     @cached_property
     def slips(self) -> PossibleSlips:
         """What may have been done in each case instead of what was entered."""
-        return PossibleSlips(self)
+        return PossibleSlips(self.model, self.observations)
 
     @cached_property
     def tares(self) -> Floats:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 import jax
 import numpy as np
@@ -56,27 +56,15 @@ class Slip:
     share: float = 0.0
 
 
-class Entered(Protocol):
-    """Cases as they were entered, with the model of what each would read."""
-
-    @property
-    def model(self) -> Model:
-        """That predicts readings."""
-
-    @property
-    def observations(self) -> Observations:
-        """Of the cases."""
-
-
 class PossibleSlips:
     """All slips of a session's cases, and the readings that they predict.
 
     Args:
-        entered: the cases.
+        model: that predicts readings.
+        observations: of the cases, as they were entered.
     """
 
-    def __init__(self, entered: Entered) -> None:
-        model, observations = entered.model, entered.observations
+    def __init__(self, model: Model, observations: Observations) -> None:
         self._model, self._observations = model, observations
         self.muscles = model.finger.topology.muscles
         self._tension = np.asarray(observations.inputs.tension)

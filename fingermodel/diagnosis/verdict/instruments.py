@@ -12,7 +12,7 @@ _RIG = {
     "tension_factor": "pull a known weight through the pulley of {}",
 }
 # By the kind of a fault of the whole session.
-_FAULT = {
+FAULT_REMEDY = {
     "tendon_labels": "hang one of these tendons again",
     "rows": "compare the entries with the notebook, row by row",
     "side": "look which hand it is",
@@ -24,11 +24,6 @@ _FAULT = {
     "weight": "weigh the weights again",
     "tare": "look whether the recording was tared already",
 }
-
-
-def fault_remedy(kind: str) -> str:
-    """What would settle whether the session has a fault of a kind."""
-    return _FAULT[kind]
 
 
 def rig_remedy(name: str) -> str:

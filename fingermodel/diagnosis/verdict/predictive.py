@@ -10,12 +10,11 @@ from scipy.special import chdtrc, expit, logit, logsumexp
 
 from fingermodel.arrays import Floats, Ints
 from fingermodel.comparison.comparison import rmse
-from fingermodel.diagnosis.posterior.hyper import BUDGET, Node
+from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, chance_of
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_UNLIKE, P_VALUE
@@ -280,7 +279,7 @@ def _apart(session: Session, prediction: Prediction, bad: Collection[int], cases
 
 
 def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation, PredictiveCheck]:
-    """Check some explanations; bad are cases that are so whichever explanation holds, all weighed that could count.
+    """Check some explanations; bad are cases that are so whichever explanation holds, all of them weighed.
 
     A case may be as one explanation expects it and a slip under another. How probable each is, it says itself.
     """
@@ -288,14 +287,8 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
     if not any(c.bad for c in out.values()):
         return out
 
-    def weight(explanation: Explanation, log_evidence: float) -> float:
-        return posterior.weights[explanation] + EVIDENCE_POWER * log_evidence
-
-    least = float(np.log(_WEIGHT)) + max(weight(e, c.log_evidence) for e, c in out.items())
-    most = most_evidence(posterior)
-    further = [fit for e, fit in posterior.fits.items() if e not in out and weight(e, most) >= least]
-    asked = out | {fit.explanation: check(fit) for fit in further}
-    log = {e: weight(e, c.log_evidence) for e, c in asked.items()}
+    asked = out | {e: check(fit) for e, fit in posterior.fits.items() if e not in out}
+    log = {e: posterior.weights[e] + EVIDENCE_POWER * c.log_evidence for e, c in asked.items()}
     top = float(logsumexp(list(log.values())))
     bad: dict[int, float] = {}
     slips: dict[int, Explained] = {}
@@ -306,20 +299,6 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
             bad[case] = odds
             slips[case] = max(p, key=lambda entry: entry[0] * entry[1])[2].slips[case]
     return {e: c.setting_apart(bad, slips) for e, c in out.items()}
-
-
-def most_evidence(posterior: Posterior) -> float:
-    """Log evidence [nat] by the validation cases that no explanation exceeds: all of them are predicted exactly.
-
-    What is then left is their own noise and scatter, the least of any fit.
-    """
-    session, axes = posterior.nothing.session, posterior.nothing.hyper.axes
-    nodes = [node for fit in posterior.fits.values() for node in fit.nodes]
-    least = CaseErrors(*(axes[k].value[min(node[k] for node in nodes)] for k in range(BUDGET)))
-    unseen = ~session.fitted
-    log_det = session.noise_of(unseen).whitening(least, ())[1]
-    # Either nothing acts that no fitted case shows, or something does.
-    return -0.5 * (log_det + int(unseen.sum()) * float(np.log(2.0 * np.pi))) + float(np.log1p(P_UNLIKE))
 
 
 def holding(posterior: Posterior, fit: Optimum) -> dict[Explanation, float]:

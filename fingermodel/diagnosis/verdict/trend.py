@@ -97,20 +97,6 @@ class Trend:
         return asdict(self) | {"sentence": f"{self.sentence}."}
 
 
-class _Tested(NamedTuple):
-    """How large a trend is.
-
-    Attributes:
-        p_value: that chance makes so much.
-        log_evidence: that it adds to the readings.
-        weights: (k,) of the parts of its course.
-    """
-
-    p_value: float
-    log_evidence: float
-    weights: Floats
-
-
 def trend_of(fit: Optimum) -> Trend | None:
     """The most evident trend of what an explanation leaves; None where chance makes as much.
 
@@ -127,18 +113,18 @@ def trend_of(fit: Optimum) -> Trend | None:
     spans = [slice(end - one.columns.shape[1], end) for end, one in zip(ends, asked, strict=True)]
     tested = [_tested(information[span, span], score[span]) for span in spans]
     # By its evidence: what would have to change out of all proportion is none of these.
-    best, one = max(zip(tested, asked, strict=True), key=lambda of: of[0].log_evidence)
-    p_value, log_evidence = best.p_value * len(asked), best.log_evidence - float(np.log(len(asked)))
+    (p_value, log_evidence, weights), one = max(zip(tested, asked, strict=True), key=lambda of: of[0][1])
+    p_value, log_evidence = p_value * len(asked), log_evidence - float(np.log(len(asked)))
     if p_value >= P_VALUE or log_evidence <= 0.0:
         return None
     change = np.zeros((len(session.observations.ids), 6))
-    change.reshape(-1)[session.rows] = one.columns[:, 1:] @ best.weights
-    course = tuple((one.course @ best.weights).tolist())
+    change.reshape(-1)[session.rows] = one.columns[:, 1:] @ weights
+    course = tuple((one.course @ weights).tolist())
     return Trend(one.what, one.along, p_value, log_evidence, fit.size_newton(change), one.unit, course)
 
 
-def _tested(information: Floats, score: Floats) -> _Tested:
-    """Test all columns but the first, whose weight may be anything.
+def _tested(information: Floats, score: Floats) -> tuple[float, float, Floats]:
+    """P-value, log evidence and weights (k,) of all columns but the first, whose weight may be anything.
 
     Args:
         information: (k, k) of the weights.
@@ -153,11 +139,11 @@ def _tested(information: Floats, score: Floats) -> _Tested:
     values, vectors = np.linalg.eigh(left)
     sound = values > _LEAST
     if not sound.any():
-        return _Tested(1.0, 0.0, np.zeros(len(turned)))
+        return 1.0, 0.0, np.zeros(len(turned))
     along = vectors[:, sound].T @ turned / values[sound]
     p_value = float(chdtrc(len(along), float((along**2 * values[sound]).sum())))
     evidence = gain([Said(0.0, left * np.outer(size, size), turned * size)], TREND)
-    return _Tested(p_value, evidence, vectors[:, sound] @ along * scale)
+    return p_value, evidence, vectors[:, sound] @ along * scale
 
 
 def _asked(session: Session, theta: Floats) -> Iterator[_Asked]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -46,6 +46,10 @@ class Verdict:
     reasons: tuple[str, ...] = ()
     short: tuple[str, ...] = ()
 
+    def lacking(self, what: str) -> Verdict:
+        """Undecided for want of something, with all that speaks for it."""
+        return replace(self, kind="undecided", effects=(), short=(what,))
+
 
 def judge(
     posterior: Posterior,
@@ -71,7 +75,7 @@ def judge(
     cases = _cases(posterior)
     if cases < LEAST_CASES:
         short = f"{cases} identification cases are too few to decide anything (at least {LEAST_CASES})"
-        return Verdict("undecided", verdict.names, (), verdict.probability, verdict.reasons, (short,))
+        return verdict.lacking(short)
     if p_value is not None and p_value < P_VALUE and verdict.kind in ("found", "nothing_missing", "one_of"):
         what = words(checked) or "the model without any effect"
         short = (
@@ -79,8 +83,7 @@ def judge(
             f"{f', most of all {words(missed[:3])}' if missed else ''}); "
             "something acts there that the fitted cases do not show"
         )
-        reasons = verdict.reasons if verdict.names else ()
-        return Verdict("undecided", verdict.names, (), verdict.probability, reasons, (short,))
+        return (verdict if verdict.names else replace(verdict, reasons=())).lacking(short)
     return verdict
 
 
@@ -96,7 +99,7 @@ def doubted(verdict: Verdict, fit: Optimum, size_N: float, what: str) -> Verdict
     smaller = verdict.kind == "found" and size_N < fit.size_newton(np.sum(fit.changes, axis=0))
     if smaller or verdict.kind not in ("found", "nothing_missing", "one_of"):
         return verdict
-    return Verdict("undecided", verdict.names, (), verdict.probability, verdict.reasons, (what,))
+    return verdict.lacking(what)
 
 
 def likeliest(posterior: Posterior) -> tuple[str, ...]:
