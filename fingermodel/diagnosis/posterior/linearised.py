@@ -27,8 +27,6 @@ from fingermodel.fitting.identification import slopes_of
 # Names of the blocks; `torque:`, … of something smooth and `form0`, … besides.
 HELD, BUDGET, ANATOMY = ACTING
 OWN, OTHERS, RESIDUAL = "own", "others", "residual"
-# What nearly every evaluation asks for is whitened, and multiplied, together.
-_TOGETHER = (RESIDUAL, HELD, BUDGET, ANATOMY, OWN)
 
 # Quadratics that are kept, those asked for last: about as many as the nodes around one have noises and sets of blocks.
 _KEPT = 16
@@ -44,7 +42,7 @@ class Inner:
 
     Attributes:
         smooth: columns that every explanation shares.
-        blocks: (n, k) whitened columns of a block, or of all that are whitened together.
+        blocks: (n, k) whitened columns of a block.
         products: (k, l) of two blocks.
         outer: (n²,) covariance that each block gives the whitened readings by weights of a width of 1.
         right: (n, 1 + k) whitened readings and columns of the explanation's own parameters (see `among_readings`).
@@ -52,7 +50,7 @@ class Inner:
     """
 
     smooth: WhitenedSmooth
-    blocks: dict[tuple[str, ...], Floats] = field(default_factory=dict)
+    blocks: dict[str, Floats] = field(default_factory=dict)
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
     outer: dict[str, Floats] = field(default_factory=dict)
     right: Floats | None = None
@@ -95,7 +93,7 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_latest", "_fitted", "_steps", "_unseen"):
+        for name in ("_inner", "_latest", "_steps", "_unseen"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -245,8 +243,8 @@ class Linearised:
         """Whether slopes are so steep at a node that their inner products lose what is small beside the largest."""
         inner = self._inner_at(node)
         if inner.steep is None:
-            slopes = self._whole(inner, HELD)[:, self._spans[RESIDUAL].stop :]
-            inner.steep = float(np.einsum("nk,nk->k", slopes, slopes).max(initial=0.0)) > _STEEP
+            slopes = [self._whitened(inner, name) for name in (HELD, BUDGET, ANATOMY, OWN)]
+            inner.steep = max(float((s**2).sum(axis=0).max(initial=0.0)) for s in slopes) > _STEEP
         return inner.steep
 
     def among_readings(self, nodes: Sequence[Node]) -> tuple[Floats, Floats, Floats]:
@@ -317,31 +315,10 @@ class Linearised:
     def _whitened(self, inner: Inner, name: str) -> Floats:
         if is_smooth(name):
             return inner.smooth.of(name)
-        return self._whole(inner, name)[:, self._spans.get(name, slice(None))]
-
-    def _whole(self, inner: Inner, name: str) -> Floats:
-        """Whitened columns (n, k) of a block, or of all that are whitened together with it."""
-        names = _TOGETHER if name in _TOGETHER else (name,)
-        if names not in inner.blocks:
-            inner.blocks[names] = inner.smooth.noise @ self._plain(names)
-        return inner.blocks[names]
-
-    def _plain(self, names: tuple[str, ...]) -> Floats:
-        if names not in self._fitted:
-            fitted, slopes = self.session.fitted, self.slopes
-            blocks = [self.residual[:, None] if n == RESIDUAL else self.block(n, fitted, slopes) for n in names]
-            self._fitted[names] = np.concatenate(blocks, axis=1)
-        return self._fitted[names]
-
-    @cached_property
-    def _fitted(self) -> dict[tuple[str, ...], Floats]:
-        return {}
-
-    @cached_property
-    def _spans(self) -> dict[str, slice]:
-        sizes = [1, *(self.size(name) for name in _TOGETHER[1:])]
-        ends = np.cumsum(sizes).tolist()
-        return {name: slice(end - size, end) for name, size, end in zip(_TOGETHER, sizes, ends, strict=True)}
+        if name not in inner.blocks:
+            plain = self.residual[:, None] if name == RESIDUAL else self.block(name, self.session.fitted, self.slopes)
+            inner.blocks[name] = inner.smooth.noise @ plain
+        return inner.blocks[name]
 
     def _product(self, inner: Inner, a: str, b: str) -> Floats:
         if is_smooth(a) and is_smooth(b):
@@ -349,12 +326,7 @@ class Linearised:
         if (b, a) in inner.products:
             return inner.products[b, a].T
         if (a, b) not in inner.products:
-            if a in _TOGETHER and b in _TOGETHER:
-                columns, spans = self._whole(inner, a), self._spans
-                both = columns.T @ columns
-                inner.products |= {(c, d): both[spans[c], spans[d]] for c in spans for d in spans}
-            else:
-                inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
+            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
         return inner.products[a, b]
 
     def whitening(self, node: Node) -> NoiseWhitening:
