@@ -12,7 +12,7 @@ from fingermodel.arrays import Floats
 from fingermodel.comparison.comparison import Comparison, compare
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
-from fingermodel.diagnosis.posterior.curves import SmoothCurve
+from fingermodel.diagnosis.posterior.curves import SmoothCurve, own_curves
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import BUDGET
 from fingermodel.diagnosis.posterior.marginals import Posterior
@@ -26,7 +26,6 @@ from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import MOST_FITS
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints
-from fingermodel.diagnosis.verdict.own_curve import own_curves
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.verdict.session_faults import (

@@ -13,10 +13,10 @@ from fingermodel.diagnosis.answer.ranking import parameters_of, ranking, ready_m
 from fingermodel.diagnosis.answer.rig import of_rig, remarks
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.posterior.curves import curve_answer
 from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import LIVE, SURE
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
-from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits
 from fingermodel.parameters import with_unit

@@ -11,10 +11,13 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats, Ints
+from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.discrepancy import smooth_over
+from fingermodel.diagnosis.settings import SHARED_SIZES
 from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 
 Stage = Literal["arms", "tension", "force"]
@@ -221,3 +224,37 @@ def described(curves: Curves, curve: Curve, said: Sequence[Said], size: float, l
     lost = np.array([whole - gain(said, size, np.delete(every, p, axis=0).reshape(-1)) for p in range(count)])
     mean, sd = values_of(curves, said, size)
     return SmoothCurve(curve.stage, curve.parts, size, log_evidence, lost, curves.postures, curves.rotations, mean, sd)
+
+
+def own_curves(fit: Optimum, node: Node) -> tuple[SmoothCurve, ...]:
+    """Curves of moment arms, tensions and forces beside an explanation, the most evident first.
+
+    Args:
+        fit: what acts besides; all that it leaves open is marginalised.
+        node: of the hyperparameters, without anything unknown.
+    """
+    curves, out = Curves([fit]), []
+    for stage in STAGES:
+        curve, sizes = curves.of(fit, stage), SHARED_SIZES[stage]
+        said = [Said(0.0, *fit.information(curve.columns, node))]
+        gains = [gain(said, size) for size in sizes]
+        evidence = float(logsumexp(gains) - np.log(len(sizes)))
+        out.append(described(curves, curve, said, sizes[int(np.argmax(gains))], evidence))
+    return tuple(sorted(out, key=lambda c: -c.log_evidence))
+
+
+def curve_answer(curves: tuple[SmoothCurve, ...]) -> dict[str, Any] | None:
+    """The most evident curve as the answer gives it; None where none is more evident than not."""
+    if not curves or curves[0].log_evidence <= 0.0:
+        return None
+    curve = curves[0]
+    others = ", ".join(f"{WHAT[c.stage]} {c.log_evidence:+.1f}" for c in curves[1:])
+    sentence = (
+        f"What is left is smooth over postures as an error of {WHAT[curve.stage]}, most in {curve.where} "
+        f"(ln evidence {curve.log_evidence:+.1f}; {others})."
+    )
+    return curve.as_dict() | {
+        "log_evidence": curve.log_evidence,
+        "carried_by": curve.carriers(),
+        "sentence": sentence,
+    }

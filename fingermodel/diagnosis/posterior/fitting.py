@@ -10,9 +10,9 @@ import numpy as np
 from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
 from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.session_model.whitening import Whitening
 from fingermodel.fitting.identification import reading_slopes, solve
 from fingermodel.fitting.problems import Problem
 

@@ -16,9 +16,8 @@ from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases
+from fingermodel.diagnosis.search.bad_cases import BadCases, explained, odds_of_taken
 from fingermodel.diagnosis.search.beginning import Beginning
-from fingermodel.diagnosis.search.case_odds import explained, odds_of_taken
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.session_model.slip_odds import Explained

@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fingermodel.diagnosis.posterior.whitening import Whitening
-from fingermodel.diagnosis.session_model.whitening import NoiseWhitening
+from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, Whitening
 
 
 @given(st.integers(0, 10**6), st.integers(2, 8), st.integers(0, 6), st.integers(0, 40), st.floats(1e-3, 1e3))
