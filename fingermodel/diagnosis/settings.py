@@ -6,30 +6,9 @@ steps of derivatives, how many offers are fitted or shown, and thresholds of tes
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from fingermodel.arrays import Floats
-
-
-class Amount(NamedTuple):
-    """Prior of a size that may be none: an atom at none, else half-normal.
-
-    Attributes:
-        some: probability that it is not none.
-        scale: of the half-normal.
-        values: the grid, from 0 on.
-    """
-
-    some: float
-    scale: float
-    values: Floats
-
-    def times(self, unit: float) -> Amount:
-        """The same of a size that is stated as a multiple of something."""
-        return self._replace(scale=unit * self.scale, values=unit * self.values)
-
+from fingermodel.diagnosis.axis import Axis
 
 # --- Priors -----------------------------------------------------------------------------------------------------------
 # Probability that no effect acts; the rest is shared by one, two and three effects.
@@ -40,32 +19,29 @@ P_OUTSIDE = 0.1
 # Multiple of the stated budget, and of the anatomy's priors: specimens differ by more than those of one study. Each is
 # log-normal from 1 to 3; what wants more is not explained by what was stated, and something unknown acts. Below 1 one
 # multiple of all errors would take the many that happen to be small for evidence that the few others are.
-MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83])
-MULTIPLE_SPREAD = 0.6
+MULTIPLE = Axis.log_normal([1.0, 1.41, 2.0, 2.83], 1.0, np.exp(0.6))
 # Error of an effect's form, relative: half-Cauchy. Up to FORM_NAMED the effect counts by its name.
-FORM_ERRORS = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
-FORM_SCALE = 0.04
+FORM = Axis.half_cauchy(0.04, [0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 FORM_NAMED = 0.1
 # Something smooth [N]: an atom at none, else flat in its logarithm.
 P_SMOOTH = 0.1
 # That it is of one tendon or of one rotation alone, not of all of them.
 P_OF_ONE = 0.1
-SMOOTH_N = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
+SMOOTH_N = Axis(np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28]), np.zeros(9))
 # Scatter from case to case: of each tendon's tension, relative; of each component of the reading, relative to it; of
 # the force in every direction, relative to it; and of each joint angle [rad]. A stated scatter of the tensions is
 # believed within a factor.
-TENSION = Amount(0.7, 0.015, np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056]))
-READING = Amount(0.3, 0.01, np.array([0.0, 0.005, 0.01, 0.02, 0.04]))
-ANGLE_RAD = Amount(0.3, np.deg2rad(1.0), np.deg2rad([0.0, 0.5, 1.0, 2.0]))
+TENSION = Axis.size(0.7, 0.015, [0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056])
+READING = Axis.size(0.3, 0.01, [0.0, 0.005, 0.01, 0.02, 0.04])
+ANGLE_RAD = Axis.size(0.3, 1.0, [0.0, 0.5, 1.0, 2.0]).times(np.deg2rad(1.0))
 STATED_FACTOR = 1.5
 # Errors that a group of cases has in common. Those of one setting, for which the finger is clamped anew, are multiples
-# of what the budget states of a whole session; those of one weight, and of one tendon's line, of a usual one.
-WEIGHT, LINE_RAD = 0.01, np.deg2rad(1.0)
-OF_GROUP = Amount(0.3, 1.0, np.array([0.0, 0.5, 1.0, 2.0, 3.0]))
+# of what the budget states of a whole session; those of one weight, and of one tendon's line, of a usual scatter.
+OF_GROUP = Axis.size(0.3, 1.0, [0.0, 0.5, 1.0, 2.0, 3.0])
 # Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. Where the noise is
 # assumed, a multiple of it instead, log-normal about 1.
-EXTRA_NOISE_N = Amount(0.5, 0.005, np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064]))
-ASSUMED_NOISE_MULTIPLES = np.array([0.18, 0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83])
+EXTRA_NOISE_N = Axis.size(0.5, 0.005, [0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064])
+ASSUMED_NOISE = Axis.log_normal([0.18, 0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83], 1.0, np.e)
 # Power to which the evidence counts when explanations are weighed against each other. No model of a bench is complete,
 # and what it lacks is alike in neighbouring readings: they say less than as many independent ones.
 EVIDENCE_POWER = 0.7

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import erf
 
 from fingermodel.arrays import Floats
 from fingermodel.diagnosis import settings
+from fingermodel.diagnosis.axis import Axis
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import Amount
 
 # Indices on the axes: scatter of tensions, noise, the other kinds of scatter (see `CaseErrors`), budget, anatomy,
 # errors by group of cases (see `GroupErrors`), something smooth of each family (see `Session.smooth`), and what carries
@@ -40,91 +39,10 @@ ACTING = ("held", "budget", "anatomy")
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.READING, settings.READING, settings.ANGLE_RAD)
-_GRIDS = (
-    *[size.values for size in (*_SIZES, settings.OF_GROUP, settings.OF_GROUP.times(settings.WEIGHT))],
-    settings.OF_GROUP.times(settings.LINE_RAD).values,
-    settings.ASSUMED_NOISE_MULTIPLES,
-    settings.MULTIPLES,
-    settings.SMOOTH_N,
-    settings.FORM_ERRORS,
-)
 # A node that was kept means the same only where this is the same: the axes in their order, and their values.
-_AXES = (CaseErrors._fields, ACTING[1:], GROUPS, FAMILIES)
-GRIDS = hashlib.sha256(repr([_AXES, *[grid.tolist() for grid in _GRIDS]]).encode()).hexdigest()[:12]
-
-
-@dataclass(frozen=True, eq=False)
-class Axis:
-    """Values of one hyperparameter with the log probability of each."""
-
-    values: Floats
-    log_weight: Floats
-
-    @classmethod
-    def of(cls, size: Amount) -> Axis:
-        """Of a size that may be none."""
-        spread = np.sqrt(2.0) * size.scale
-        return cls.with_atom(size.values, _cells(size.values, lambda x: erf(x / spread)), size.some)
-
-    @classmethod
-    def none(cls) -> Axis:
-        """Of a size that can only be none."""
-        return cls(np.zeros(1), np.zeros(1))
-
-    @classmethod
-    def with_atom(cls, values: Floats, weight: Floats, some: float) -> Axis:
-        """An atom at the first value; the rest has a probability, in proportion to weights (the first is ignored)."""
-        rest = weight[1:] / weight[1:].sum()
-        return cls(values, np.log(np.concatenate([[1.0 - some], some * rest])))
-
-    @classmethod
-    def normal(cls, values: Floats, z: Floats) -> Axis:
-        """Normal in what each value is (n,) in standard deviations."""
-        weight = np.exp(-0.5 * z**2)
-        return cls(values, np.log(weight / weight.sum()))
-
-    @classmethod
-    def half_cauchy(cls, values: Floats, scale: float) -> Axis:
-        """Half-Cauchy, on values that begin at 0."""
-        return cls(values, np.log(_cells(values, lambda x: np.arctan(x / scale))))
-
-    @cached_property
-    def mode(self) -> int:
-        """Index of the most probable value."""
-        return int(np.argmax(self.log_weight))
-
-    @cached_property
-    def within(self) -> Floats:
-        """Standard deviation of what each value of a size stands for: uniform over its cell, and 0 for the first."""
-        if len(self.values) == 1:
-            return np.zeros(1)
-        lower = _between(self.values)
-        upper = np.append(lower[1:], self.values[-1] ** 2 / lower[-1])
-        return np.concatenate([[0.0], (upper - lower) / np.sqrt(12.0)])
-
-    @cached_property
-    def value(self) -> list[float]:
-        """The values as plain numbers: thousands of nodes ask for one each."""
-        return self.values.tolist()
-
-    @cached_property
-    def weight(self) -> list[float]:
-        """Their log probabilities as plain numbers."""
-        return self.log_weight.tolist()
-
-
-def _cells(values: Floats, cdf: Callable[[Floats], Floats]) -> Floats:
-    """Probability of the cells about values that begin at 0, by a distribution function up to a factor."""
-    edges = np.concatenate([[0.0], _between(values), [np.inf]])
-    probability = np.diff(cdf(edges))
-    return np.maximum(probability / probability.sum(), 1e-12)
-
-
-def _between(values: Floats) -> Floats:
-    """Edges of the cells about values that grow in proportion, the first of which may be 0."""
-    out: Floats = np.sqrt(values[:-1] * values[1:])
-    out[0] = out[0] or 0.5 * values[1]
-    return out
+_GRIDS = [axis.value for axis in vars(settings).values() if isinstance(axis, Axis)]
+_AXES = (CaseErrors._fields, ACTING[1:], GROUPS, FAMILIES, _GRIDS)
+GRIDS = hashlib.sha256(repr(_AXES).encode()).hexdigest()[:12]
 
 
 class Values(NamedTuple):
@@ -161,27 +79,23 @@ class Hyperparameters:
     def of(cls, session: Session) -> Hyperparameters:
         """Priors as the session states them."""
         stated, assumed = session.stated_scatter, session.observations.noise_assumed
-        scatter, noise, *others = (Axis.of(size) for size in _SIZES)
+        scatter, noise, *others = _SIZES
         if stated > 0.0:
-            off = np.log(np.maximum(scatter.values, 1e-4) / stated)
-            scatter = Axis.normal(scatter.values, off / np.log(settings.STATED_FACTOR))
+            scatter = Axis.log_normal(scatter.values, stated, settings.STATED_FACTOR)
         if assumed:
-            noise = Axis.normal(settings.ASSUMED_NOISE_MULTIPLES, np.log(settings.ASSUMED_NOISE_MULTIPLES))
-        multiple = Axis.normal(settings.MULTIPLES, np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD)
-        flat = np.ones(len(settings.SMOOTH_N))
-        smooth = Axis.with_atom(settings.SMOOTH_N, flat, settings.P_SMOOTH / len(FAMILIES))
+            noise = settings.ASSUMED_NOISE
+        multiple, smooth = settings.MULTIPLE, settings.SMOOTH_N.with_atom(settings.P_SMOOTH / len(FAMILIES))
         carriers = session.changes.carriers
         of_one = settings.P_OF_ONE / (len(carriers) - 1)
         of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
         carrier = Axis(np.arange(float(len(carriers))), of_each)
         of_groups = [
-            Axis.of(settings.OF_GROUP.times(size)) if size * session.errors.by_group[name].any() else Axis.none()
+            settings.OF_GROUP.times(size) if size * session.errors.by_group[name].any() else Axis.none()
             for name, size in GroupErrors.usual(session.model.budget)._asdict().items()
         ]
         axes = (scatter, noise, *others, multiple, multiple, *of_groups, *[smooth] * len(FAMILIES), carrier)
-        form = Axis.half_cauchy(settings.FORM_ERRORS, settings.FORM_SCALE)
         tendons = len(set(carriers) & set(session.model.finger.topology.muscles))
-        return cls(axes, form, carriers, tendons, assumed)
+        return cls(axes, settings.FORM, carriers, tendons, assumed)
 
     def start(self, forms: int) -> Node:
         """The most probable node before any reading."""

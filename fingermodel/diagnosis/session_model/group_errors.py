@@ -10,7 +10,7 @@ import numpy as np
 from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.budget import Budget
 from fingermodel.comparison.observations import Observations
-from fingermodel.diagnosis.settings import LEVER_MM, LINE_RAD, WEIGHT
+from fingermodel.diagnosis.settings import ANGLE_RAD, LEVER_MM, READING
 
 # Tensions [N] that agree in so many digits are of one weight.
 _ALIKE_DIGITS = 6
@@ -46,7 +46,8 @@ class GroupErrors(NamedTuple):
     def usual(cls, budget: Budget) -> GroupErrors:
         """Of each setting as large as a budget states those of a whole session; of usual weights and lines."""
         turn, apart = np.deg2rad([budget.cell_rotation_sd_deg, budget.angle_sd_deg / np.sqrt(2.0)]).tolist()
-        return cls(WEIGHT, LINE_RAD, budget.zero_tip_sd_N, budget.zero_tip_sd_N, turn, budget.mount_offset_sd_mm, apart)
+        zero, hold = budget.zero_tip_sd_N, budget.mount_offset_sd_mm
+        return cls(READING.scale, ANGLE_RAD.scale, zero, zero, turn, hold, apart)
 
 
 def by_group(

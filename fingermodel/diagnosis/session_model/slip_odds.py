@@ -13,7 +13,7 @@ from fingermodel.arrays import Floats
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.reading_changes import ReadingChanges
 from fingermodel.diagnosis.session_model.slips import Slip
-from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, P_TAIL, SLIP_SHARES
+from fingermodel.diagnosis.settings import AMOUNT, FORM, P_TAIL, SLIP_SHARES
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _gains(apart: Apart, changes: Floats, scatter: float) -> tuple[Floats, Float
     sizes = np.where(
         moment, (changes[:, moment] ** 2).sum(axis=1)[:, None], (changes[:, ~moment] ** 2).sum(axis=1)[:, None]
     )
-    grown = apart.covariance + (scatter**2 + FORM_SCALE**2) * sizes[:, :, None] * np.eye(len(moment))
+    grown = apart.covariance + (scatter**2 + FORM.scale**2) * sizes[:, :, None] * np.eye(len(moment))
     left = apart.away - changes
     after = (left * np.linalg.solve(grown, left[..., None])[..., 0]).sum(axis=1)
     determinants = np.linalg.slogdet(apart.covariance)[1] - np.linalg.slogdet(grown)[1]
