@@ -175,10 +175,11 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     prior = np.array([p for _, p in live.values()])
     rng = np.random.default_rng(SEED)
     tests = prior.tolist() == [0.5, 0.5]
-    predicted = {name: _predict(diagnosis, fit, cases) for name, (fit, _) in live.items()} if cases else {}
-    out = []
+    out, inputs, read = [], inputs_of(diagnosis, cases), [0, 1, 2, 5]
+    predicted = {name: expected(fit, inputs, read) for name, (fit, _) in live.items()} if cases else {}
+    moments = bool(np.any(diagnosis.session.rows % 6 == 5))
     for i, case in enumerate(cases):
-        components = [0, 1, 2, 3] if case.location == "tip" and _reads_moments(diagnosis) else [0, 1, 2]
+        components = [0, 1, 2, 3] if case.location == "tip" and moments else [0, 1, 2]
         each = {n: (predicted[n][0][i, components], predicted[n][1][i][np.ix_(components, components)]) for n in names}
         told, probability = information([each[n] for n in names], prior, rng)
         out.append(NextCase(case, told, _parted(names, each, prior), probability, each, tests))
@@ -204,10 +205,6 @@ def _varied(cases: Sequence[NextCase]) -> list[NextCase]:
     for c in cases:
         best.setdefault((c.case.posture, c.case.location, muscles_of(c.case.masses_g)), c)
     return list(best.values())
-
-
-def _reads_moments(diagnosis: Diagnosis) -> bool:
-    return bool(np.any(diagnosis.session.rows % 6 == 5))
 
 
 def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCaseInput:
@@ -237,28 +234,29 @@ def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCase
     )
 
 
-def _predict(diagnosis: Diagnosis, fit: Optimum, cases: Sequence[PlannedReading]) -> tuple[Floats, Floats]:
-    """Mean (cases, 4) and covariance (cases, 4, 4) of Fx, Fy, Fz, Mz under an explanation, noise included."""
-    session = diagnosis.session
-    problem, model = session.problem, session.model
+def expected(fit: Optimum, inputs: LoadCaseInput, read: Sequence[int], anew: float = 1.0) -> tuple[Floats, Floats]:
+    """Mean (cases, L) and covariance (cases, L, L) of some components under an explanation, noise included.
+
+    Args:
+        fit: of the explanation.
+        inputs: the cases.
+        read: (L,) which components.
+        anew: of how many of their widths the angles are unknown, since the posture will be set anew.
+    """
+    session, values, count = fit.session, fit.hyper.values(fit.best), len(np.asarray(inputs.tension))
     theta, covariance, index = fit.parameter_posterior(fit.best)
-    free = replace(problem, free=problem.free | free_mask(model, fit.explanation))
-    read = [c for c in (0, 1, 2, 5) if c in problem.rows % 6]
-    inputs, spread = inputs_of(diagnosis, cases), np.zeros((len(cases), 4, 4))
-    mean = np.asarray(model.predict(inputs, theta).reading)[:, [0, 1, 2, 5]]
-    rows = (6 * np.arange(len(cases))[:, None] + np.array(read)[None, :]).reshape(-1)
-    slopes = slopes_of(free, theta, rows, inputs).reshape(len(cases), len(read), -1)
-    known = np.einsum("nap,pq,nbq->nab", slopes[:, :, index], covariance, slopes[:, :, index], optimize=True)
-    # The posture will be set anew.
-    angles = np.array([n.startswith("posture_angle.") for n in model.parameters.names])
-    anew = np.einsum("nap,nbp->nab", slopes[:, :, angles], slopes[:, :, angles])
-    at = np.array([(0, 1, 2, 5).index(c) for c in read])
-    spread[:, at[:, None], at[None, :]] = known + anew
-    blocks = session.observations.case_covariance[:, [0, 1, 2, 5]][:, :, [0, 1, 2, 5]]
-    values = fit.hyper.values(fit.best)
-    usual, unit = np.nan_to_num(np.median(blocks, axis=0), nan=1.0), np.array([1.0, 1.0, 1.0, LEVER_MM])
-    noise = as_read(usual, unit, values.errors.noise, session.observations.noise_assumed)
-    return mean, spread + by_case(mean, unit, values.errors, values.groups) + noise + 1e-9 * np.eye(4)
+    free = replace(session.problem, free=session.problem.free | free_mask(session.model, fit.explanation))
+    mean = np.asarray(session.model.predict(inputs, theta).reading)[:, read]
+    rows = (6 * np.arange(count)[:, None] + np.array(read)).reshape(-1)
+    slopes = slopes_of(free, theta, rows, inputs).reshape(count, len(read), -1)[:, :, index]
+    angle = np.array([session.model.parameters.names[i].startswith("posture_angle.") for i in index])
+    rest, angles = slopes[:, :, ~angle], slopes[:, :, angle]
+    known = rest @ covariance[np.ix_(~angle, ~angle)] @ rest.swapaxes(1, 2) + anew**2 * angles @ angles.swapaxes(1, 2)
+    unit = np.where(np.array(read) < 3, 1.0, LEVER_MM)
+    variance = np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2), axis=0)[read]
+    usual = np.where(np.isfinite(variance), variance, np.nanmedian(variance / unit**2) * unit**2)
+    noise = as_read(np.diag(usual), unit, values.errors.noise, session.observations.noise_assumed)
+    return mean, known + by_case(mean, unit, values.errors, values.groups) + noise + 1e-9 * np.eye(len(read))
 
 
 def information(
@@ -283,24 +281,6 @@ def information(
     told = (logs[true, :, true] - evidence).mean(axis=1)
     rightly = np.exp(weighted[true, :, true] - evidence).mean(axis=1)
     return max(float(prior @ told), 0.0), min(float(prior @ rightly), 1.0)
-
-
-def most_information(means: Floats, covariances: Floats, prior: Floats) -> Floats:
-    """What `information` [nat] cannot exceed, by case, without a draw (Kolchinsky and Tracey 2017).
-
-    Args:
-        means: (cases, explanations, components) of the reading by every explanation.
-        covariances: (cases, explanations, components, components).
-        prior: (explanations,) probability of each.
-    """
-    factors = root_of(covariances)
-    inverse, log_det = np.linalg.inv(factors), 2.0 * np.log(np.diagonal(factors, axis1=2, axis2=3)).sum(axis=2)
-    # Divergence of each explanation (first) from each other (second).
-    turned = inverse[:, None] @ factors[:, :, None]
-    away = np.einsum("cjab,cijb->cija", inverse, means[:, :, None] - means[:, None])
-    squares = (turned**2).sum(axis=(3, 4)) + (away**2).sum(axis=3)
-    divergence = 0.5 * (squares - means.shape[2] + log_det[:, None, :] - log_det[:, :, None])
-    return -logsumexp(np.log(np.maximum(prior, 1e-300)) - divergence, axis=2) @ prior
 
 
 def _parted(names: Sequence[str], each: dict[str, tuple[Floats, Floats]], prior: Floats) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,17 +17,17 @@ from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import (
     PlannedReading,
+    expected,
     feasible,
     information,
     inputs_of,
-    most_information,
 )
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.case_noise import as_read, by_case
 from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
-from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
+from fingermodel.diagnosis.settings import SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
+from fingermodel.stages import LoadCaseInput
 
 # What is read: forces alone; Mz as well; forces where radiographs give the joint angles.
 READINGS = ("forces", "forces and Mz at the tip", "forces, and joint angles by radiograph")
@@ -35,8 +35,8 @@ _MZ = 5
 _LAWS, _SHOWN = 6, 5
 # Readings drawn by each law: the order of the best is to be right.
 _DRAWS = 500
-# Step of a slope, in prior widths.
-_STEP = 1e-3
+# Change (cases, 6) by a law, and its standard deviation.
+Change = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,10 @@ def deciding(
     prior = np.array([np.exp(live[n].left_out_gain.sum() if n in live else first.left_out_gain.sum()) for n in names])
     prior /= prior.sum()
     changes = [_change(slopes[n], live.get(n), slopes[first.name], first) for n in names]
-    return _ranked(fit, cases, planned, changes, prior), tuple(names)
+    return _ranked(fit, cases, planned.inputs, changes, prior), tuple(names)
 
 
-def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: SharedLaw) -> tuple[Floats, Floats]:
+def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: SharedLaw) -> Change:
     """Change (cases, 6) by a law and its standard deviation; a rival's value is that which resembles the first most."""
     if law is not None:
         return law.value * slope, law.sd * slope
@@ -103,70 +103,23 @@ def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: Shared
 
 
 def _ranked(
-    fit: Optimum,
-    cases: Sequence[PlannedReading],
-    planned: CaseChanges,
-    changes: Sequence[tuple[Floats, Floats]],
-    prior: Floats,
+    fit: Optimum, cases: Sequence[PlannedReading], inputs: LoadCaseInput, changes: Sequence[Change], prior: Floats
 ) -> tuple[Deciding, ...]:
-    session, model = fit.session, planned.model
-    theta, covariance, index = fit.parameter_posterior(fit.best)
-    slopes = np.empty((len(cases), 6, len(index)))
-    for k, i in enumerate(index):
-        both = []
-        for sign in (1.0, -1.0):
-            moved = theta.copy()
-            moved[i] += sign * _STEP * session.problem.scale[i]
-            both.append(planned.readings(moved))
-        slopes[:, :, k] = (both[0] - both[1]) / (2.0 * _STEP)
-    values = fit.hyper.values(fit.best)
-    mean = planned.readings(theta)
-    force = np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
-    unit = np.array([1.0, 1.0, 1.0, LEVER_MM, LEVER_MM, LEVER_MM])
-    noise = as_read(np.diag(force * unit**2), unit, values.errors.noise, session.observations.noise_assumed)
-    of_angle = np.array([model.parameters.names[i].startswith("posture_angle.") for i in index])
+    """The most telling readings of those that load the same tendons."""
+    rng, best = np.random.default_rng(SEED), dict[tuple[str, ...], Deciding]()
     change, sd = (np.array(both).swapaxes(0, 1) for both in zip(*changes, strict=True))
-    offers: list[_Offer] = []
     for reading in READINGS:
-        read = [0, 1, *([] if session.plane == "sagittal" else [2]), *([_MZ] if reading == READINGS[1] else [])]
-        which = [k for k, case in enumerate(cases) if reading == READINGS[0] or case.location == "tip"]
-        rest, angles = (slopes[which][:, read][..., chosen] for chosen in (~of_angle, of_angle))
+        read = [0, 1, *([] if fit.session.plane == "sagittal" else [2]), *([_MZ] if reading == READINGS[1] else [])]
         # The posture will be set anew: its angles are as unknown as the budget has it, or read from a radiograph.
-        anew = 0.0 if reading == READINGS[2] else values.budget
-        plain = rest @ covariance[np.ix_(~of_angle, ~of_angle)] @ rest.swapaxes(1, 2)
-        plain += anew**2 * angles @ angles.swapaxes(1, 2) + noise[np.ix_(read, read)]
-        plain += by_case(mean[which][:, read], unit[read], values.errors, values.groups)
-        means = (mean[:, None] + change)[which][..., read]
-        spreads = plain[:, None] + _outer(sd[which][..., read])
-        most = most_information(means, spreads, prior)
-        offers += [_Offer(cases[k], reading, *of_case) for k, *of_case in zip(which, means, spreads, most, strict=True)]
-    return _best(offers, prior)
-
-
-class _Offer(NamedTuple):
-    """A reading with what each law expects of it: (laws, components), (laws, components, components)."""
-
-    case: PlannedReading
-    reading: str
-    mean: Floats
-    covariance: Floats
-    most_nat: float
-
-
-def _best(offers: Sequence[_Offer], prior: Floats) -> tuple[Deciding, ...]:
-    """The most telling of those that load the same tendons; what cannot be among them is not drawn."""
-    best: dict[tuple[str, str, str, str], Deciding] = {}
-    rng = np.random.default_rng(SEED)
-    for offer in sorted(offers, key=lambda o: -o.most_nat):
-        if sum(d.information_nat >= offer.most_nat for d in best.values()) >= _SHOWN or offer.most_nat < WORTH_NAT:
-            break
-        told, _ = information(list(zip(offer.mean, offer.covariance, strict=True)), prior, rng, _DRAWS)
-        key = (offer.case.posture, offer.case.location, muscles_of(offer.case.masses_g), offer.reading)
-        if key not in best or told > best[key].information_nat:
-            best[key] = Deciding(offer.case, offer.reading, told)
+        anew = 0.0 if reading == READINGS[2] else fit.hyper.values(fit.best).budget
+        mean, plain = expected(fit, inputs, read, anew)
+        means, sds = mean[:, None] + change[..., read], sd[..., read]
+        spreads = plain[:, None] + sds[..., :, None] * sds[..., None, :]
+        for k, case in enumerate(cases):
+            if reading == READINGS[0] or case.location == "tip":
+                told, _ = information(list(zip(means[k], spreads[k], strict=True)), prior, rng, _DRAWS)
+                key = (case.posture, case.location, muscles_of(case.masses_g), reading)
+                if key not in best or told > best[key].information_nat:
+                    best[key] = Deciding(case, reading, told)
     ranked = sorted(best.values(), key=lambda d: -d.information_nat)
     return tuple(d for d in ranked if d.information_nat >= WORTH_NAT)[:_SHOWN]
-
-
-def _outer(x: Floats) -> Floats:
-    return x[..., :, None] * x[..., None, :]
