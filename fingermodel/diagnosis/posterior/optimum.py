@@ -22,8 +22,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
     screened,
 )
 from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node
-from fingermodel.diagnosis.posterior.integrated import Integrated
-from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN
+from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
 from fingermodel.diagnosis.posterior.own_part import OwnPart
 from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
@@ -38,7 +37,7 @@ _SETTLED = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum(Integrated):
+class Optimum(Linearised):
     """An explanation where it explains the readings best.
 
     Attributes:
