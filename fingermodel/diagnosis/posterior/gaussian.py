@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
-from scipy.linalg.lapack import dtrtrs
 from scipy.special import log_ndtr, ndtri_exp
 
 from fingermodel.arrays import Floats, Ints, Mask
@@ -174,47 +173,12 @@ def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_s
     # Where a set is shorter, what fills it up has no slope: it changes nothing.
     inner = at_null.hessian[index[:, :, None], index[:, None, :]] * (real[:, :, None] & real[:, None, :])
     score = at_null.gradient[index] * real
-    value = np.full(len(sets), at_null.value)
-    return _freed_evidence(value, score, inner, real & one_sided[index]) - 0.5 * at_null.log_det
-
-
-def marginal_evidence(covariance: Floats, right: Floats, one_sided: Mask, width: float = 1.0) -> Floats:
-    """Log evidence (S,) of readings whose noise is 1, under each of some covariances of what else acts.
-
-    Args:
-        covariance: (S, n, n) positive semidefinite; overwritten.
-        right: (S, n, 1 + k) readings less what is expected of them, and columns of weights with priors.
-        one_sided: (k,) whose prior is cut at 0.
-        width: of their priors.
-
-    Returns:
-        Without the constant and the noise's own determinant; masses of cut priors taken one by one.
-    """
-    root = root_of_one_plus(covariance)
-    turned = np.array([dtrtrs(factor, columns, lower=1)[0] for factor, columns in zip(root, right, strict=True)])
-    inner = turned.swapaxes(1, 2) @ turned
-    log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    own = width**2 * inner[:, 1:, 1:]
-    return _freed_evidence(inner[:, 0, 0], width * inner[:, 1:, 0], own, one_sided) - log_det
-
-
-def _freed_evidence(misfit: Floats, score: Floats, inner: Floats, cut: Mask) -> Floats:
-    """Log evidence (S,) of weights with N(0, 1) priors; masses of those that are cut (S, k) taken one by one.
-
-    Args:
-        misfit: (S,) at their null.
-        score: (S, k).
-        inner: (S, k, k) their information.
-        cut: (S, k), or (k,) for all alike.
-    """
-    factor = root_of_one_plus(inner)
-    inverse = np.linalg.inv(factor)
+    inverse = np.linalg.inv(root_of_one_plus(inner))
     step = np.einsum("sij,sj->si", inverse, score)
-    mean = np.einsum("sji,sj->si", inverse, step)
-    sd = np.sqrt(np.einsum("sji,sji->si", inverse, inverse))
-    mass = np.where(cut, np.log(2.0) + log_ndtr(mean / sd), 0.0).sum(axis=1)
-    log_det = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-    return -0.5 * (misfit - (step**2).sum(axis=1)) - log_det + mass
+    mean, sd = np.einsum("sji,sj->si", inverse, step), np.sqrt(np.einsum("sji,sji->si", inverse, inverse))
+    mass = np.where(real & one_sided[index], np.log(2.0) + log_ndtr(mean / sd), 0.0).sum(axis=1)
+    log_det = np.log(np.diagonal(inverse, axis1=1, axis2=2)).sum(axis=1)
+    return 0.5 * ((step**2).sum(axis=1) - at_null.value - at_null.log_det) + log_det + mass
 
 
 def log_mass(mean: Floats, covariance: Floats, cut: Mask) -> float:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby
 from typing import Any, Self
 
 import numpy as np
@@ -47,16 +46,12 @@ class Inner:
         smooth: columns that every explanation shares.
         blocks: (n, k) whitened columns of a block.
         products: (k, l) of two blocks.
-        outer: (n²,) covariance that each block gives the whitened readings by weights of a width of 1.
-        right: (n, 1 + k) whitened readings and columns of the explanation's own parameters (see `among_readings`).
         steep: whether slopes are so steep beside the noise that inner products lose what is small beside the largest.
     """
 
     smooth: WhitenedSmooth
     blocks: dict[str, Floats] = field(default_factory=dict)
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
-    outer: dict[str, Floats] = field(default_factory=dict)
-    right: Floats | None = None
     steep: bool | None = None
 
 
@@ -249,46 +244,6 @@ class Linearised:
             slopes = [self._whitened(inner, name) for name in (HELD, BUDGET, ANATOMY, OWN)]
             inner.steep = max(float((s**2).sum(axis=0).max(initial=0.0)) for s in slopes) > _STEEP
         return inner.steep
-
-    def among_readings(self, nodes: Sequence[Node]) -> tuple[Floats, Floats, Floats]:
-        """The whitened readings at some nodes, with what acts there as a covariance of theirs.
-
-        Where there are fewer readings than weights, this is the smaller way to say the same as `quadratic`.
-        Nodes of one noise are best asked one after another.
-
-        Returns:
-            Covariance (s, n, n) that all weights that act give the readings, without the noise's own, which is 1;
-            readings (s, n, 1) less the model with every parameter at its null, and beside them the columns (s, n, k) of
-            the explanation's own parameters; and (s,) minus half the noise's ln det.
-        """
-        count, n = len(nodes), len(self.residual)
-        covariance, right = np.empty((count, n * n)), np.empty((count, n, 1 + self.size(OWN)))
-        of_noise, end = np.empty(count), 0
-        for _, group in groupby(nodes, lambda node: node[OF_CASES]):
-            alike = list(group)
-            here = slice(end, end := end + len(alike))
-            inner = self._inner_at(alike[0])
-            blocks = [self.hyper.block_widths(node) for node in alike]
-            names = list(dict.fromkeys(name for block in blocks for name in block))
-            variances = np.array([[block.get(name, 0.0) for name in names] for block in blocks]) ** 2
-            np.dot(variances, np.array([self._outer(inner, name) for name in names]), out=covariance[here])
-            right[here], of_noise[here] = self._right(inner), -0.5 * inner.smooth.noise.log_det
-        return covariance.reshape(count, n, n), right, of_noise
-
-    def _outer(self, inner: Inner, name: str) -> Floats:
-        if name not in inner.outer:
-            columns = self._whitened(inner, name)
-            inner.outer[name] = (columns @ columns.T).reshape(-1)
-        return inner.outer[name]
-
-    def _right(self, inner: Inner) -> Floats:
-        """(n, 1 + k) readings less the model with every parameter at its null, and columns of the own parameters."""
-        if inner.right is None:
-            left = self._whitened(inner, RESIDUAL)[:, 0]
-            for name in (HELD, BUDGET, ANATOMY, OWN):
-                left = left + self._whitened(inner, name) @ self.place(name)
-            inner.right = np.column_stack([left, self._whitened(inner, OWN)])
-        return inner.right
 
     def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
         spans = self.spans(names)

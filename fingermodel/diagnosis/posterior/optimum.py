@@ -18,7 +18,6 @@ from fingermodel.diagnosis.posterior.gaussian import (
     freed_by_columns,
     log_mass,
     log_mass_apart,
-    marginal_evidence,
     screened,
 )
 from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node
@@ -30,8 +29,6 @@ from fingermodel.diagnosis.settings import FAR, WITHIN
 
 # Prior widths from its null at which a parameter begins of which nothing is known.
 _AWAY = 0.5
-# Elements of covariances that are made at once: 4 MB, which stay in a core's cache.
-_AT_ONCE = 500_000
 # Units of chi-square that may be promised beyond where a fit ends.
 _SETTLED = 1.0
 
@@ -82,25 +79,9 @@ class Optimum(Linearised):
             node: of the hyperparameters.
             width: factor on the widths of the effects' priors.
         """
-        return self.log_joints([node], width)[0]
-
-    def log_joints(self, nodes: Sequence[Node], width: float = 1.0) -> list[float]:
-        """The same at several nodes at once."""
-        found: dict[Node, float] = {}
-        together = []
-        for node in nodes:
-            fewer_readings = len(self.residual) < sum(self.size(name) for name in self.acting(node))
-            if fewer_readings and not self.steep(node):
-                together.append(node)
-                continue
-            freed = self.freed(node, width)
-            found[node] = freed.log_evidence + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
-        most = max(_AT_ONCE // len(self.residual) ** 2, 1)
-        for some in (together[first : first + most] for first in range(0, len(together), most)):
-            covariance, right, of_each = self.among_readings(some)
-            values = marginal_evidence(covariance, right, self._one_sided, width) + of_each
-            found |= zip(some, values.tolist(), strict=True)
-        return [self.log_prior - 0.5 * self.unkept + self.hyper.log_prior(node) + found[node] for node in nodes]
+        freed = self.freed(node, width)
+        found = freed.log_evidence + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
+        return self.log_prior - 0.5 * self.unkept + self.hyper.log_prior(node) + found
 
     def misfit(self, node: Node) -> float:
         """Least weighted sum of squares at a node, priors' penalty included."""
@@ -110,7 +91,7 @@ class Optimum(Linearised):
     def _steps(self) -> Steps:
         # A cycle of references would keep all columns until the garbage collector runs.
         fit = weakref.proxy(self)
-        return Steps(lambda nodes: list(fit.log_joints(nodes)))
+        return Steps(lambda node: fit.log_joint(node))  # noqa: PLW0108 - a bound method would be that cycle
 
     @cached_property
     def mode(self) -> Node:

@@ -18,26 +18,25 @@ class Steps:
     """Steps between nodes, none of which is asked for twice.
 
     Args:
-        log_joints: of several nodes.
+        log_joint: of a node.
 
     Attributes:
         known: log joint of each node that was asked for.
     """
 
-    def __init__(self, log_joints: Callable[[Sequence[Node]], Sequence[float]]) -> None:
-        self._log_joints = log_joints
+    def __init__(self, log_joint: Callable[[Node], float]) -> None:
+        self._log_joint = log_joint
         self.known: dict[Node, float] = {}
 
     def at(self, node: Node) -> float:
         """Log joint of a node."""
-        return self.each([node])[0]
+        if node not in self.known:
+            self.known[node] = self._log_joint(node)
+        return self.known[node]
 
     def each(self, nodes: Sequence[Node]) -> list[float]:
         """The same of several."""
-        unknown = [node for node in nodes if node not in self.known]
-        if unknown:
-            self.known.update(zip(unknown, self._log_joints(unknown), strict=True))
-        return [self.known[node] for node in nodes]
+        return [self.at(node) for node in nodes]
 
     def best(self, nodes: Iterable[Node]) -> Node:
         """The most probable of some nodes."""

@@ -200,6 +200,7 @@ def odds_of_taken(
     out = {}
     for case in bad_cases:
         without = bad_cases - {case}
-        sound = logsumexp([max(fit.but(bad=without).log_joints(fit.hyper.widened(fit.best))) for fit in near])
+        others = [fit.but(bad=without) for fit in near]
+        sound = logsumexp([max(map(f.log_joint, f.hyper.widened(g.best))) for f, g in zip(others, near, strict=True)])
         out[case] = float(bad - sound) + (slips[case].gain if case in slips else 0.0)
     return out, slips
