@@ -55,42 +55,26 @@ class Diagnosis:
     """What was found out about one session.
 
     Attributes:
-        session: the readings and the base model.
-        candidates: that were searched.
-        searched: every fit.
-        posterior: of which everything that is said is a marginal.
-        stated: the base model as budget and noise are stated: what it leaves is what there is to explain.
-        refitted: the base model as `refit` fits it: errors before anything is added are of this.
-        confounding: what the protocol cannot tell apart.
-        verdict: with its reasons.
         checks: predictive check of explanations on the validation cases, by explanation.
-        sensitivity: the verdict's probability under other assumptions.
-        faults: of the whole session (labels, side, signs, units, gain), most probable first.
-        hints: formulas, where nothing fits.
-        curves: of moment arms, tensions and forces, where nothing fits; the most evident first.
-        nulls: what the readings say without any model of the tendons.
-        trend: of what the verdict leaves, along time or load.
-        seconds: of the computation.
-        comparisons: of every explanation that was fitted.
     """
 
-    session: Session
-    candidates: Candidates
-    searched: Searched
-    posterior: Posterior
-    stated: Optimum
-    refitted: Optimum
-    confounding: Confounding
-    verdict: Verdict
+    session: Session  # the readings and the base model
+    candidates: Candidates  # that were searched
+    searched: Searched  # every fit
+    posterior: Posterior  # of which everything that is said is a marginal
+    stated: Optimum  # the base model as budget and noise are stated: what it leaves is what there is to explain
+    refitted: Optimum  # the base model as `refit` fits it: errors before anything is added are of this
+    confounding: Confounding  # what the protocol cannot tell apart
+    verdict: Verdict  # with its reasons
     checks: dict[Explanation, PredictiveCheck]
-    sensitivity: Sensitivity
-    faults: tuple[SessionFault, ...]
-    hints: tuple[Hint, ...]
-    curves: tuple[SmoothCurve, ...]
-    nulls: tuple[Null, ...]
-    trend: Trend | None
-    seconds: float
-    comparisons: dict[Explanation, Comparison] = field(repr=False)
+    sensitivity: Sensitivity  # the verdict's probability under other assumptions
+    faults: tuple[SessionFault, ...]  # of the whole session (labels, side, signs, units, gain), most probable first
+    hints: tuple[Hint, ...]  # formulas, where nothing fits
+    curves: tuple[SmoothCurve, ...]  # of moment arms, tensions and forces, where nothing fits; the most evident first
+    nulls: tuple[Null, ...]  # what the readings say without any model of the tendons
+    trend: Trend | None  # of what the verdict leaves, along time or load
+    seconds: float  # of the computation
+    comparisons: dict[Explanation, Comparison] = field(repr=False)  # of every explanation that was fitted
 
     @property
     def best(self) -> Optimum:

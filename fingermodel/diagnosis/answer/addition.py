@@ -29,21 +29,13 @@ from fingermodel.model import Model
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a fit minimises, in plain values: other readings of the session can be fitted alike.
+    """What a fit minimises, in plain values: other readings of the session can be fitted alike."""
 
-    Attributes:
-        members: of the explanation: names of candidates, and which of its forms each has.
-        node: of the hyperparameters.
-        bad: indices of the cases whose reading may be anything.
-        about: (parameters,) about which scatter and errors of form are found.
-        grids: of the hyperparameters, on which the node counts places.
-    """
-
-    members: tuple[tuple[str, int], ...]
-    node: Node
-    bad: tuple[int, ...]
-    about: tuple[float, ...]
-    grids: str = GRIDS
+    members: tuple[tuple[str, int], ...]  # of the explanation: names of candidates, and which of its forms each has
+    node: Node  # of the hyperparameters
+    bad: tuple[int, ...]  # indices of the cases whose reading may be anything
+    about: tuple[float, ...]  # (parameters,) about which scatter and errors of form are found
+    grids: str = GRIDS  # of the hyperparameters, on which the node counts places
 
     @classmethod
     def of(cls, fit: Optimum, node: Node) -> Recipe:
@@ -77,17 +69,14 @@ class Addition:
     """A model with effects added.
 
     Attributes:
-        fit: of everything together.
-        names: of the candidates added.
         log_evidence_gain: over the same model without them, the budget's size and the effects' form left open as in a
             diagnosis; None where none was added.
-        recipe: of what the fit minimises.
     """
 
-    fit: Fit
-    names: tuple[str, ...]
+    fit: Fit  # of everything together
+    names: tuple[str, ...]  # of the candidates added
     log_evidence_gain: float | None
-    recipe: Recipe
+    recipe: Recipe  # of what the fit minimises
 
     def __repr__(self) -> str:
         if self.log_evidence_gain is None:

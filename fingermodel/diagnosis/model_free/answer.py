@@ -27,53 +27,32 @@ _SIZES, _SHARES = _NOISE_FACTOR ** (2.0 * _NODES), _WEIGHTS / _WEIGHTS.sum()
 
 @dataclass(frozen=True)
 class Test:
-    """One chi-square test.
+    """One chi-square test."""
 
-    Attributes:
-        what: was tested.
-        statistic: chi-square.
-        freedom: its degrees of freedom.
-        p_value: of it; where the noise is assumed, averaged over its size.
-    """
-
-    what: str
-    statistic: float
-    freedom: int
-    p_value: float
+    what: str  # was tested
+    statistic: float  # chi-square
+    freedom: int  # its degrees of freedom
+    p_value: float  # of it; where the noise is assumed, averaged over its size
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a pattern contributes to some residuals.
+    """What a pattern contributes to some residuals."""
 
-    Attributes:
-        test: of whether it is zero.
-        value: (patterns,) best estimate.
-        sd: (patterns,) of it.
-        share: of the residuals' chi-square that the patterns take up.
-    """
-
-    test: Test
-    value: Floats
-    sd: Floats
-    share: float
+    test: Test  # of whether it is zero
+    value: Floats  # (patterns,) best estimate
+    sd: Floats  # (patterns,) of it
+    share: float  # of the residuals' chi-square that the patterns take up
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What should vanish.
+    """What should vanish."""
 
-    Attributes:
-        value: (k,) [N or N mm].
-        covariance: (k, k) by noise and budget.
-        noise: (k, k) by noise alone.
-        noise_assumed: whether the readings state no uncertainty.
-    """
-
-    value: Floats
-    covariance: Floats
-    noise: Floats
-    noise_assumed: bool
+    value: Floats  # (k,) [N or N mm]
+    covariance: Floats  # (k, k) by noise and budget
+    noise: Floats  # (k, k) by noise alone
+    noise_assumed: bool  # whether the readings state no uncertainty
 
     @cached_property
     def _factor(self) -> Floats:
@@ -155,23 +134,14 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Null:
-    """One test that needs no model of the tendons.
+    """One test that needs no model of the tendons."""
 
-    Attributes:
-        name: balance, fds_no_dip_torque, superposition, load_levels, repeats or moments_closure.
-        verdict: violated where the p-value is below 0.001.
-        text: what was found, in one sentence.
-        statistic: chi-square of the most telling of its parts.
-        p_value: of the whole test.
-        cases: ids that it used.
-    """
-
-    name: str
-    verdict: Verdict
-    text: str
-    statistic: float | None
-    p_value: float | None
-    cases: tuple[str, ...]
+    name: str  # balance, fds_no_dip_torque, superposition, load_levels, repeats or moments_closure
+    verdict: Verdict  # violated where the p-value is below 0.001
+    text: str  # what was found, in one sentence
+    statistic: float | None  # chi-square of the most telling of its parts
+    p_value: float | None  # of the whole test
+    cases: tuple[str, ...]  # ids that it used
 
     def as_dict(self) -> dict[str, Any]:
         """Return the answer's object."""

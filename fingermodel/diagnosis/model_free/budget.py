@@ -33,27 +33,16 @@ _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """A session's wrenches with what one standard deviation of each budget error changes in them.
+    """A session's wrenches with what one standard deviation of each budget error changes in them."""
 
-    Attributes:
-        model: of whose finger the bones and joints are used.
-        observations: of the session.
-        wrench: (n, 6) [N, N mm], zero where not read.
-        read: (n, 6) whether it was.
-        tension: (n, muscles) [N].
-        jacobian: (n, 6, rotations) of the load point, distal phalanx's axes.
-        to_base: (n, 3, 3) takes the distal phalanx's axes to the metacarpal's.
-        loaded: indices of the cases in which a weight hangs, in order.
-    """
-
-    model: Model
-    observations: Observations
-    wrench: Floats
-    read: Mask
-    tension: Floats
-    jacobian: Floats
-    to_base: Floats
-    loaded: list[int]
+    model: Model  # of whose finger the bones and joints are used
+    observations: Observations  # of the session
+    wrench: Floats  # (n, 6) [N, N mm], zero where not read
+    read: Mask  # (n, 6) whether it was
+    tension: Floats  # (n, muscles) [N]
+    jacobian: Floats  # (n, 6, rotations) of the load point, distal phalanx's axes
+    to_base: Floats  # (n, 3, 3) takes the distal phalanx's axes to the metacarpal's
+    loaded: list[int]  # indices of the cases in which a weight hangs, in order
 
     @cached_property
     def masses(self) -> tuple[tuple[tuple[str, float], ...], ...]:

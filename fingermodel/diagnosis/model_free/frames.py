@@ -77,21 +77,13 @@ class _Way:
 
 @dataclass(frozen=True, eq=False)
 class RigMistake:
-    """What went wrong with the readings of a whole session.
+    """What went wrong with the readings of a whole session."""
 
-    Attributes:
-        words: a sentence's beginning: what would have to be done, and what it would bring.
-        unit: whether a factor is part of it.
-        factor: on the forces as stated.
-        tip: (cases, 3, 3) what makes forces at the tip of those stated, factor not counted.
-        bone: (3, 3) likewise at the bone.
-    """
-
-    words: str
-    unit: bool
-    factor: float
-    tip: Floats
-    bone: Floats
+    words: str  # a sentence's beginning: what would have to be done, and what it would bring
+    unit: bool  # whether a factor is part of it
+    factor: float  # on the forces as stated
+    tip: Floats  # (cases, 3, 3) what makes forces at the tip of those stated, factor not counted
+    bone: Floats  # (3, 3) likewise at the bone
 
     def put_right(self, observations: Observations) -> Observations:
         """The session's readings as they should have been stated."""

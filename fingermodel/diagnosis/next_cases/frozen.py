@@ -32,17 +32,11 @@ CLEAR_RATIO = 20.0
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What the frozen cases said once they were measured.
+    """What the frozen cases said once they were measured."""
 
-    Attributes:
-        confirmed: True, False, or None where no frozen case was measured or it does not decide.
-        text: one plain sentence.
-        cases: ids of the cases that were scored.
-    """
-
-    confirmed: bool | None
-    text: str
-    cases: tuple[str, ...]
+    confirmed: bool | None  # True, False, or None where no frozen case was measured or it does not decide
+    text: str  # one plain sentence
+    cases: tuple[str, ...]  # ids of the cases that were scored
 
 
 def freeze(

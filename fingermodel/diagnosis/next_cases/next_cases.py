@@ -54,20 +54,15 @@ class NextCase:
     """A load case and what it would tell.
 
     Attributes:
-        case: what to hang where.
-        information_nat: between explanation and reading.
-        separates: names of the explanations that it parts best.
-        expected_probability: of whichever explanation is true, afterwards.
         predictions: by explanation: mean (components,) and standard deviation, reading's noise included.
-        tests: whether two explanations are taken as equally probable before it, whatever the session says of them.
     """
 
-    case: PlannedReading
-    information_nat: float
-    separates: tuple[str, ...]
-    expected_probability: float
+    case: PlannedReading  # what to hang where
+    information_nat: float  # between explanation and reading
+    separates: tuple[str, ...]  # names of the explanations that it parts best
+    expected_probability: float  # of whichever explanation is true, afterwards
     predictions: dict[str, tuple[Floats, Floats]]
-    tests: bool
+    tests: bool  # whether two explanations are taken as equally probable before it, whatever the session says of them
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it."""
@@ -96,16 +91,13 @@ class Plan:
     """What to measure next.
 
     Attributes:
-        cases: best first; none where no available load case separates anything.
         explanations: that were held against each other, with their probabilities; 0.5 each where one is tested.
-        instruments: what else would separate them.
-        text: one plain sentence.
     """
 
-    cases: tuple[NextCase, ...]
+    cases: tuple[NextCase, ...]  # best first; none where no available load case separates anything
     explanations: dict[str, float]
-    instruments: tuple[str, ...]
-    text: str
+    instruments: tuple[str, ...]  # what else would separate them
+    text: str  # one plain sentence
 
 
 def name_of(fit: Optimum) -> str:

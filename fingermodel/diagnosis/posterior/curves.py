@@ -30,17 +30,11 @@ _LEAST_FEATURE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Said:
-    """What one session says of a curve's weights at one node of its hyperparameters.
+    """What one session says of a curve's weights at one node of its hyperparameters."""
 
-    Attributes:
-        log_joint: of the node, without the curve.
-        information: (m, m) of the weights.
-        score: (m,).
-    """
-
-    log_joint: float
-    information: Floats
-    score: Floats
+    log_joint: float  # of the node, without the curve
+    information: Floats  # (m, m) of the weights
+    score: Floats  # (m,)
 
     def turned(self, order: Ints, sign: Floats) -> Said:
         """The same of other weights: in another order, and of another sign."""
@@ -69,17 +63,11 @@ def gain(said: Sequence[Said], size: float, kept: Ints | None = None) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Columns by which a shared curve changes a session's readings.
+    """Columns by which a shared curve changes a session's readings."""
 
-    Attributes:
-        stage: at which it acts.
-        parts: (tendon, joint or mount and axis) of each group of weights.
-        columns: (fitted readings, weights) [N, N mm] per unit; groups one after another, features within.
-    """
-
-    stage: Stage
-    parts: tuple[tuple[str, str], ...]
-    columns: Floats
+    stage: Stage  # at which it acts
+    parts: tuple[tuple[str, str], ...]  # (tendon, joint or mount and axis) of each group of weights
+    columns: Floats  # (fitted readings, weights) [N, N mm] per unit; groups one after another, features within
 
 
 class Curves:
@@ -144,29 +132,17 @@ def _unit_changes(fit: Optimum, stage: Stage) -> Iterator[tuple[tuple[str, str],
 
 @dataclass(frozen=True, eq=False)
 class SmoothCurve:
-    """A curve at one stage, as readings have it.
+    """A curve at one stage, as readings have it."""
 
-    Attributes:
-        stage: moment arms [mm], tensions [relative] or forces [N].
-        parts: tendon, and joint or mount and axis, of each of its groups.
-        size: likeliest amplitude, in the stage's unit.
-        log_evidence: that it acts, over what else explains the readings.
-        log_evidence_lost: (parts,) without each group.
-        postures: (postures, rotations) [rad], and
-        rotations: their names.
-        mean: (parts, postures), in the stage's unit.
-        sd: (parts, postures).
-    """
-
-    stage: Stage
-    parts: tuple[tuple[str, str], ...]
-    size: float
-    log_evidence: float
-    log_evidence_lost: Floats
-    postures: Floats
-    rotations: tuple[str, ...]
-    mean: Floats
-    sd: Floats
+    stage: Stage  # moment arms [mm], tensions [relative] or forces [N]
+    parts: tuple[tuple[str, str], ...]  # tendon, and joint or mount and axis, of each of its groups
+    size: float  # likeliest amplitude, in the stage's unit
+    log_evidence: float  # that it acts, over what else explains the readings
+    log_evidence_lost: Floats  # (parts,) without each group
+    postures: Floats  # (postures, rotations) [rad], and
+    rotations: tuple[str, ...]  # their names
+    mean: Floats  # (parts, postures), in the stage's unit
+    sd: Floats  # (parts, postures)
 
     @property
     def where(self) -> str:

@@ -28,17 +28,11 @@ _CRAWL = 3e-3
 
 @dataclass(frozen=True, eq=False)
 class Fitter:
-    """Fits explanations of one session.
+    """Fits explanations of one session."""
 
-    Attributes:
-        session: with its readings.
-        candidates: that explanations are made of.
-        hyper: axes of the hyperparameters.
-    """
-
-    session: Session
-    candidates: Candidates
-    hyper: Hyperparameters
+    session: Session  # with its readings
+    candidates: Candidates  # that explanations are made of
+    hyper: Hyperparameters  # axes of the hyperparameters
 
     def begun(self, explanation: Explanation, node: Node, bad: frozenset[int]) -> tuple[Fitter, Floats]:
         """Fits whose scatter changes a reading as the finger does that is roughly fitted, not the normative one.

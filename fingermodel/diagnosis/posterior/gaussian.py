@@ -22,18 +22,12 @@ class Quadratic:
     """Misfit as a function of how far some weights z are moved from where the model was linearised.
 
     misfit(z) = value − 2 z·gradient + zᵀ hessian z, everything eliminated so far at its best.
-
-    Attributes:
-        value: misfit at z = 0, the penalty of what is eliminated included.
-        gradient: (k,).
-        hessian: (k, k).
-        log_det: ln det of the noise and of all that is eliminated: ln det(1 + w G w).
     """
 
-    value: float
-    gradient: Floats
-    hessian: Floats
-    log_det: float
+    value: float  # misfit at z = 0, the penalty of what is eliminated included
+    gradient: Floats  # (k,)
+    hessian: Floats  # (k, k)
+    log_det: float  # ln det of the noise and of all that is eliminated: ln det(1 + w G w)
 
     def eliminated(self, index: Ints, weight: Floats, x: Floats) -> Quadratic:
         """Give some weights their priors, and leave them at their best.
@@ -94,19 +88,12 @@ class Quadratic:
 
 @dataclass(frozen=True, eq=False)
 class Freed:
-    """Some weights at their posterior.
+    """Some weights at their posterior."""
 
-    Attributes:
-        misfit: least, priors' penalty included.
-        log_det: of the noise and of all that is free.
-        mean: (k,) in units of a width of 1.
-        covariance: (k, k).
-    """
-
-    misfit: float
-    log_det: float
-    mean: Floats
-    covariance: Floats
+    misfit: float  # least, priors' penalty included
+    log_det: float  # of the noise and of all that is free
+    mean: Floats  # (k,) in units of a width of 1
+    covariance: Floats  # (k, k)
 
     @property
     def log_evidence(self) -> float:
@@ -116,21 +103,13 @@ class Freed:
 
 @dataclass(frozen=True, eq=False)
 class Everything:
-    """All weights of a linearised session at their posterior.
+    """All weights of a linearised session at their posterior."""
 
-    Attributes:
-        names: of the blocks.
-        mean: (k,) in units of a width of 1.
-        covariance: (k, k).
-        place: (k,) where they stand in the linearisation.
-        parameters: (p,) indices of those that are parameters, and where among the k they stand.
-    """
-
-    names: tuple[str, ...]
-    mean: Floats
-    covariance: Floats
-    place: Floats
-    parameters: tuple[Ints, Ints]
+    names: tuple[str, ...]  # of the blocks
+    mean: Floats  # (k,) in units of a width of 1
+    covariance: Floats  # (k, k)
+    place: Floats  # (k,) where they stand in the linearisation
+    parameters: tuple[Ints, Ints]  # (p,) indices of those that are parameters, and where among the k they stand
 
 
 def freed_by_columns(columns: Floats, left: Floats, last: int) -> Freed:

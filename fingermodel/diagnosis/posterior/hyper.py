@@ -63,17 +63,13 @@ class Hyperparameters:
         axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, errors by group of cases
             (see `GroupErrors`), amplitude of each family of something smooth [N], and what carries it: the index among
             the carriers.
-        form: error of an effect's form.
-        carriers: of something smooth (see `Session.carriers`).
-        tendons: how many of them are tendons.
-        noise_assumed: whether the readings' noise is; its axis is then a multiple.
     """
 
     axes: tuple[Axis, ...]
-    form: Axis
-    carriers: tuple[str, ...]
-    tendons: int
-    noise_assumed: bool
+    form: Axis  # error of an effect's form
+    carriers: tuple[str, ...]  # of something smooth (see `Session.carriers`)
+    tendons: int  # how many of them are tendons
+    noise_assumed: bool  # whether the readings' noise is; its axis is then a multiple
 
     @classmethod
     def of(cls, session: Session) -> Hyperparameters:

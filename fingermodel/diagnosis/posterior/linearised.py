@@ -43,41 +43,27 @@ class Inner:
     """Inner products of one linearisation's blocks under one noise.
 
     Attributes:
-        smooth: columns that every explanation shares.
-        blocks: (n, k) whitened columns of a block.
-        products: (k, l) of two blocks.
         steep: whether slopes are so steep beside the noise that inner products lose what is small beside the largest.
     """
 
-    smooth: WhitenedSmooth
-    blocks: dict[str, Floats] = field(default_factory=dict)
-    products: dict[tuple[str, str], Floats] = field(default_factory=dict)
+    smooth: WhitenedSmooth  # columns that every explanation shares
+    blocks: dict[str, Floats] = field(default_factory=dict)  # (n, k) whitened columns of a block
+    products: dict[tuple[str, str], Floats] = field(default_factory=dict)  # (k, l) of two blocks
     steep: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A session linearised about the optimum of an explanation.
+    """A session linearised about the optimum of an explanation."""
 
-    Attributes:
-        session: whose readings.
-        hyper: axes of the hyperparameters.
-        explanation: what acts.
-        theta: (parameters,).
-        residual: (n,) fitted readings less the model [N, N mm].
-        slopes: (n, parameters) of the model, per prior width.
-        changes: (cases, 6) by each member [N, N mm].
-        bad: cases whose reading may be anything.
-    """
-
-    session: Session
-    hyper: Hyperparameters
-    explanation: Explanation
-    theta: Floats
-    residual: Floats
-    slopes: Floats
-    changes: tuple[Floats, ...]
-    bad: frozenset[int]
+    session: Session  # whose readings
+    hyper: Hyperparameters  # axes of the hyperparameters
+    explanation: Explanation  # what acts
+    theta: Floats  # (parameters,)
+    residual: Floats  # (n,) fitted readings less the model [N, N mm]
+    slopes: Floats  # (n, parameters) of the model, per prior width
+    changes: tuple[Floats, ...]  # (cases, 6) by each member [N, N mm]
+    bad: frozenset[int]  # cases whose reading may be anything
 
     @cached_property
     def _inner(self) -> dict[Node, Inner]:

@@ -53,22 +53,18 @@ class Entry:
     """One explanation at one node of the hyperparameters.
 
     Attributes:
-        explanation: what acts.
-        fit: its optimum; None for one that was only promised.
-        node: of the hyperparameters; None for one that was only promised.
         named: candidates that act by their name: no error of form above `FORM_NAMED`, and nothing unknown beside them
             that is larger, of what neither anatomy nor budget could do as well.
         beyond_newton: what acts that no name describes [N]: something smooth, an error of form above `FORM_NAMED`, or a
             known thing outside the catalogue.
-        probability: of it.
     """
 
-    explanation: Explanation
-    fit: Optimum | None
-    node: Node | None
+    explanation: Explanation  # what acts
+    fit: Optimum | None  # its optimum; None for one that was only promised
+    node: Node | None  # of the hyperparameters; None for one that was only promised
     named: frozenset[str]
     beyond_newton: float
-    probability: float
+    probability: float  # of it
 
     @property
     def outside(self) -> bool:
@@ -83,19 +79,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Promise:
-    """What the session linearised about another explanation's optimum promises an explanation that was not fitted.
+    """What the session linearised about another explanation's optimum promises an explanation that was not fitted."""
 
-    Attributes:
-        log_posterior: of it.
-        log_prior: of it, and of what is smooth where the promise was made.
-        named: candidates that act by their name, as of an `Entry`.
-        beyond_newton: what acts besides where the promise was made, as of an `Entry`.
-    """
-
-    log_posterior: float
-    log_prior: float
-    named: frozenset[str]
-    beyond_newton: float
+    log_posterior: float  # of it
+    log_prior: float  # of it, and of what is smooth where the promise was made
+    named: frozenset[str]  # candidates that act by their name, as of an `Entry`
+    beyond_newton: float  # what acts besides where the promise was made, as of an `Entry`
 
     @classmethod
     def of(cls, explanation: Explanation, host: Optimum, log_posterior: float, log_prior: float) -> Promise:
@@ -114,16 +103,13 @@ class Posterior:
     """The posterior of one session.
 
     Attributes:
-        fits: the optimum of each explanation that was fitted.
-        entries: every explanation at every node that matters.
         weights: log of the probability of each explanation, up to a constant: prior times evidence to a power.
-        log_norm: log of the sum of all of them.
     """
 
-    fits: dict[Explanation, Optimum]
-    entries: tuple[Entry, ...]
+    fits: dict[Explanation, Optimum]  # the optimum of each explanation that was fitted
+    entries: tuple[Entry, ...]  # every explanation at every node that matters
     weights: dict[Explanation, float]
-    log_norm: float
+    log_norm: float  # log of the sum of all of them
 
     @classmethod
     def of(

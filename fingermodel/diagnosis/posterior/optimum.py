@@ -38,15 +38,13 @@ class Optimum(Linearised):
     """An explanation where it explains the readings best.
 
     Attributes:
-        log_prior: of the explanation.
-        node: of the hyperparameters under which it was fitted.
         unkept: misfit that the linearised model promises to save, and the solver did not save: at a kink, or where the
             model bends. The evidence does not count it.
         leader: log posterior of the leader when it was fitted; an explanation far below needs no more than a rough one.
     """
 
-    log_prior: float
-    node: Node
+    log_prior: float  # of the explanation
+    node: Node  # of the hyperparameters under which it was fitted
     unkept: float
     leader: float = -np.inf
 

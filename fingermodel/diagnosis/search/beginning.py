@@ -29,21 +29,13 @@ def bad_in(slips: Slipped) -> frozenset[int]:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """Two fits beside some cases that are taken for bad.
+    """Two fits beside some cases that are taken for bad."""
 
-    Attributes:
-        slips: one after another: the case that is bad, or the two that were exchanged.
-        fitter: for further fits; scatter changes a reading as it does the finger that all candidates fit.
-        every: all candidates at once.
-        nothing: the base model.
-        beginner: that made it, and counts fits.
-    """
-
-    slips: Slipped
-    fitter: Fitter
-    every: Optimum
-    nothing: Optimum
-    beginner: Beginner
+    slips: Slipped  # one after another: the case that is bad, or the two that were exchanged
+    fitter: Fitter  # for further fits; scatter changes a reading as it does the finger that all candidates fit
+    every: Optimum  # all candidates at once
+    nothing: Optimum  # the base model
+    beginner: Beginner  # that made it, and counts fits
 
     @property
     def bad(self) -> frozenset[int]:

@@ -43,23 +43,14 @@ class Offer(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """Everything that was fitted, and what the rest promises.
+    """Everything that was fitted, and what the rest promises."""
 
-    Attributes:
-        hyper: axes of the hyperparameters.
-        fits: the best optimum of each explanation.
-        promised: to explanations that were not fitted.
-        plain: node at which a refit counts, scatter and noise as the readings have them with all candidates free.
-        bad: log odds of each case that is taken for a bad one, by index of the case.
-        slips: what may have been done in these instead of what was entered.
-    """
-
-    hyper: Hyperparameters
-    fits: dict[Explanation, Optimum]
-    promised: dict[Explanation, Promise]
-    plain: Node
-    bad: dict[int, float]
-    slips: dict[int, Explained]
+    hyper: Hyperparameters  # axes of the hyperparameters
+    fits: dict[Explanation, Optimum]  # the best optimum of each explanation
+    promised: dict[Explanation, Promise]  # to explanations that were not fitted
+    plain: Node  # node at which a refit counts, scatter and noise as the readings have them with all candidates free
+    bad: dict[int, float]  # log odds of each case that is taken for a bad one, by index of the case
+    slips: dict[int, Explained]  # what may have been done in these instead of what was entered
 
     @property
     def nothing(self) -> Optimum:

@@ -36,23 +36,14 @@ def bad_size(moment: Mask, reading: Floats, pulled_N: Floats, usual_N: float) ->
 
 @dataclass(frozen=True, eq=False)
 class Apart:
-    """One case's readings against what the rest of the session predicts of them.
+    """One case's readings against what the rest of the session predicts of them."""
 
-    Attributes:
-        case: its index.
-        rows: (L,) components of the wrench, 0 to 5.
-        away: (L,) reading less prediction [N, N mm].
-        covariance: (L, L) of it, the case taken for a sound one.
-        anything: log evidence gained by a reading that may be anything.
-        tail: the same by one that noise may have put some hundredths of a newton off.
-    """
-
-    case: int
-    rows: Ints
-    away: Floats
-    covariance: Floats
-    anything: float
-    tail: float
+    case: int  # its index
+    rows: Ints  # (L,) components of the wrench, 0 to 5
+    away: Floats  # (L,) reading less prediction [N, N mm]
+    covariance: Floats  # (L, L) of it, the case taken for a sound one
+    anything: float  # log evidence gained by a reading that may be anything
+    tail: float  # the same by one that noise may have put some hundredths of a newton off
 
     @classmethod
     def of(cls, case: int, rows: Ints, size: Floats, precision: Floats, score: Floats, bad: bool) -> Apart:

@@ -19,21 +19,13 @@ from fingermodel.model import Model
 
 @dataclass(frozen=True)
 class Candidate:
-    """One thing that may act.
+    """One thing that may act."""
 
-    Attributes:
-        name: such as `worn_pulley.FDP`; candidates of one effect share its prior.
-        effect: name of its effect.
-        forms: each a set of indices of parameters; they share the candidate's prior.
-        share: of its effect's prior.
-        outside: whether its effect is marked as outside the catalogue.
-    """
-
-    name: str
-    effect: str
-    forms: tuple[tuple[int, ...], ...]
-    share: float
-    outside: bool = False
+    name: str  # such as `worn_pulley.FDP`; candidates of one effect share its prior
+    effect: str  # name of its effect
+    forms: tuple[tuple[int, ...], ...]  # each a set of indices of parameters; they share the candidate's prior
+    share: float  # of its effect's prior
+    outside: bool = False  # whether its effect is marked as outside the catalogue
 
     @property
     def has_form(self) -> bool:
@@ -56,13 +48,9 @@ class Member:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Candidates that act together; none: no effect acts.
+    """Candidates that act together; none: no effect acts."""
 
-    Attributes:
-        members: in the order in which they are searched.
-    """
-
-    members: tuple[Member, ...] = ()
+    members: tuple[Member, ...] = ()  # in the order in which they are searched
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -90,13 +78,9 @@ NOTHING = Explanation()
 
 @dataclass(frozen=True)
 class Candidates:
-    """All candidates of a search.
+    """All candidates of a search."""
 
-    Attributes:
-        all: in the order in which explanations name them.
-    """
-
-    all: tuple[Candidate, ...]
+    all: tuple[Candidate, ...]  # in the order in which explanations name them
 
     @classmethod
     def of(cls, model: Model, *, sagittal: bool = False, held: Iterable[str] = ()) -> Candidates:

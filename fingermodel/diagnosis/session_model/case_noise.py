@@ -20,19 +20,15 @@ class CaseErrors(NamedTuple):
     """How large noise that is independent by case is.
 
     Attributes:
-        scatter: of the tensions from case to case, relative.
         noise: of the readings: what is added to the measured one [N; a moment has ten times as many N mm]; where none
             was measured, a multiple of the assumed one.
-        component: scatter of each component of the reading, relative to what is expected of it.
-        direction: scatter of the force in every direction: of each component, relative to the force.
-        angle_rad: scatter of each joint angle.
     """
 
-    scatter: float
+    scatter: float  # of the tensions from case to case, relative
     noise: float
-    component: float = 0.0
-    direction: float = 0.0
-    angle_rad: float = 0.0
+    component: float = 0.0  # scatter of each component of the reading, relative to what is expected of it
+    direction: float = 0.0  # scatter of the force in every direction: of each component, relative to the force
+    angle_rad: float = 0.0  # scatter of each joint angle
 
     @property
     def variances(self) -> Floats:
@@ -41,15 +37,10 @@ class CaseErrors(NamedTuple):
 
 
 class Scatter(NamedTuple):
-    """Changes of readings by what scatters from case to case, to first order.
+    """Changes of readings by what scatters from case to case, to first order."""
 
-    Attributes:
-        by_tension: (n, t) when a tendon's tension doubles.
-        by_angle: (n, r) per radian of each joint angle.
-    """
-
-    by_tension: Floats
-    by_angle: Floats
+    by_tension: Floats  # (n, t) when a tendon's tension doubles
+    by_angle: Floats  # (n, r) per radian of each joint angle
 
     def of_kinds(self, at: Ints, unit: Floats) -> Floats:
         """Covariance (kinds, g, L, L) of some rows (g, L) by a scatter of each kind that is 1 (see `CaseErrors`).
@@ -77,17 +68,13 @@ class CaseNoise:
     Attributes:
         groups: of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, and (kinds, g, L, L) by a
             scatter of each kind that is 1.
-        bad_size: (n,) how far a row may be off where its case is bad [N, N mm].
-        cases: (n,) case of each row.
-        unit: (n,) what of each reading counts as much as a newton.
-        assumed: whether the noise is.
     """
 
     groups: tuple[tuple[Ints, Floats, Floats], ...]
-    bad_size: Floats
-    cases: Ints
-    unit: Floats
-    assumed: bool
+    bad_size: Floats  # (n,) how far a row may be off where its case is bad [N, N mm]
+    cases: Ints  # (n,) case of each row
+    unit: Floats  # (n,) what of each reading counts as much as a newton
+    assumed: bool  # whether the noise is
 
     @classmethod
     def of(

@@ -27,23 +27,14 @@ _ROWS = 64
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where each reading belongs; one row a reading.
+    """Where each reading belongs; one row a reading."""
 
-    Attributes:
-        kinds: masks (n,) of location and component.
-        load: (n, muscles) each tension as a share of its largest in the session.
-        smooth: (n, postures) columns that vary smoothly over postures.
-        settings: (n, settings) 1 where a reading was taken in a setting.
-        moment: (n,) whether the reading is a moment.
-        cases: (n,) index of its case.
-    """
-
-    kinds: list[Mask]
-    load: Floats
-    smooth: Floats
-    settings: Floats
-    moment: Mask
-    cases: Ints
+    kinds: list[Mask]  # masks (n,) of location and component
+    load: Floats  # (n, muscles) each tension as a share of its largest in the session
+    smooth: Floats  # (n, postures) columns that vary smoothly over postures
+    settings: Floats  # (n, settings) 1 where a reading was taken in a setting
+    moment: Mask  # (n,) whether the reading is a moment
+    cases: Ints  # (n,) index of its case
 
     @property
     def unit(self) -> Floats:

@@ -24,23 +24,17 @@ class GroupErrors(NamedTuple):
     For each setting the finger is clamped, and the cell tared, anew.
 
     Attributes:
-        weight: of each weight that hangs in several cases, relative.
-        line_rad: by which each tendon's line at the metacarpal is turned about each axis.
         zero_N: that the tare missed along each axis, at the tip and at the bone; of a moment `LEVER_MM` times as many
             N mm.
-        drift_N: by which that zero moves to and fro within the setting, as `zero_N`.
-        turn_rad: by which the cell is turned about each axis, at the tip and at the bone.
-        hold_mm: by which the tip is held elsewhere along each axis.
-        apart_rad: by which each joint angle differs at the tip, and the other way at the bone, from their mean.
     """
 
-    weight: float
-    line_rad: float
+    weight: float  # of each weight that hangs in several cases, relative
+    line_rad: float  # by which each tendon's line at the metacarpal is turned about each axis
     zero_N: float
-    drift_N: float
-    turn_rad: float
-    hold_mm: float
-    apart_rad: float
+    drift_N: float  # by which that zero moves to and fro within the setting, as `zero_N`
+    turn_rad: float  # by which the cell is turned about each axis, at the tip and at the bone
+    hold_mm: float  # by which the tip is held elsewhere along each axis
+    apart_rad: float  # by which each joint angle differs at the tip, and the other way at the bone, from their mean
 
     @classmethod
     def usual(cls, budget: Budget) -> GroupErrors:

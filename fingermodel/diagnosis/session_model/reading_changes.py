@@ -37,15 +37,10 @@ _STEP = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class CaseChanges:
-    """How each reading of some load cases changes, measured or not.
+    """How each reading of some load cases changes, measured or not."""
 
-    Attributes:
-        model: with every candidate at its null.
-        inputs: the load cases.
-    """
-
-    model: Model
-    inputs: LoadCaseInput
+    model: Model  # with every candidate at its null
+    inputs: LoadCaseInput  # the load cases
 
     @cached_property
     def torque_answer(self) -> Floats:
@@ -107,17 +102,11 @@ class CaseChanges:
 
 @dataclass(frozen=True, eq=False)
 class ReadingChanges(CaseChanges):
-    """How each reading of a session changes, whichever of them are fitted.
+    """How each reading of a session changes, whichever of them are fitted."""
 
-    Attributes:
-        observations: of the session.
-        centre: (parameters,) of the priors.
-        rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
-    """
-
-    observations: Observations
-    centre: Floats
-    rows: Ints
+    observations: Observations  # of the session
+    centre: Floats  # (parameters,) of the priors
+    rows: Ints  # (n,) indices of the readings into the flattened (cases, 6) wrench
     _smooth: dict[str, Floats] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -221,15 +210,10 @@ def _carrying(carrier: str, names: Sequence[str]) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class LinearisedErrors:
-    """Errors of tensions and of groups of cases, linearised about a finger.
+    """Errors of tensions and of groups of cases, linearised about a finger."""
 
-    Attributes:
-        changes: of the readings.
-        about: (parameters,) of the finger; by default the priors' centre.
-    """
-
-    changes: ReadingChanges
-    about: Floats | None = None
+    changes: ReadingChanges  # of the readings
+    about: Floats | None = None  # (parameters,) of the finger; by default the priors' centre
 
     @cached_property
     def by_tension(self) -> Floats:

@@ -35,25 +35,15 @@ _ALIKE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """A session's readings with all that acts on them beside the model.
+    """A session's readings with all that acts on them beside the model."""
 
-    Attributes:
-        problem: which readings are fitted, over which parameters with which priors; its noise is as measured.
-        rows: (n,) indices into the flattened (cases, 6) wrench of fitted and validation readings.
-        fitted: (n,) which of them are fitted.
-        plane: of the force components that count.
-        stated_scatter: of the tensions from case to case, by the session or its budget; 0 where none is stated.
-        changes: of the readings by what disturbs them.
-        errors: of tensions and of groups of cases, about some finger.
-    """
-
-    problem: Problem
-    rows: Ints
-    fitted: Mask
-    plane: Plane
-    stated_scatter: float
-    changes: ReadingChanges
-    errors: LinearisedErrors
+    problem: Problem  # which readings are fitted, over which parameters with which priors; its noise is as measured
+    rows: Ints  # (n,) indices into the flattened (cases, 6) wrench of fitted and validation readings
+    fitted: Mask  # (n,) which of them are fitted
+    plane: Plane  # of the force components that count
+    stated_scatter: float  # of the tensions from case to case, by the session or its budget; 0 where none is stated
+    changes: ReadingChanges  # of the readings by what disturbs them
+    errors: LinearisedErrors  # of tensions and of groups of cases, about some finger
 
     @property
     def model(self) -> Model:

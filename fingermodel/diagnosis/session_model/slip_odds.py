@@ -21,13 +21,11 @@ class Explained:
     """How probable each slip is, given that the case is bad.
 
     Attributes:
-        gain: log evidence gained over a bad case of which nothing is known.
-        is_slip: probability that the case stands apart by a slip, and not by the tail of the noise.
         slips: with their probability and chi-square, the most probable first; one whose `kind` is amount among them.
     """
 
-    gain: float
-    is_slip: float
+    gain: float  # log evidence gained over a bad case of which nothing is known
+    is_slip: float  # probability that the case stands apart by a slip, and not by the tail of the noise
     slips: tuple[tuple[Slip, float, float], ...]
 
     @property
@@ -39,15 +37,10 @@ class Explained:
 
 @dataclass(frozen=True, eq=False)
 class SlipsAbout:
-    """Slips whose readings are predicted about one parameter vector; each is predicted once, when it is asked for.
+    """Slips whose readings are predicted about one parameter vector; each is predicted once, when it is asked for."""
 
-    Attributes:
-        changes: of a session's readings.
-        theta: (parameters,).
-    """
-
-    changes: ReadingChanges
-    theta: Floats
+    changes: ReadingChanges  # of a session's readings
+    theta: Floats  # (parameters,)
     _known: dict[Slip, Floats] = field(default_factory=dict, repr=False)
 
     def explain(self, apart: Mapping[int, Apart], scatter: float) -> dict[int, Explained]:

@@ -31,29 +31,17 @@ _UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Slip:
-    """One way in which a case may not be what was entered.
+    """One way in which a case may not be what was entered."""
 
-    Attributes:
-        kind: of slip.
-        words: what was done instead.
-        masses_g: that hung.
-        posture: in which.
-        tension: (muscles,) [N].
-        like: index of a case in that posture, whose setting is taken.
-        sign: of the reading: 0 where the tare holds the load too, -1 where tare and load are exchanged.
-        partner: index of the case that it is exchanged with.
-        share: of this slip among all that can happen to the case.
-    """
-
-    kind: Kind
-    words: str
-    masses_g: Mapping[str, float]
-    posture: str
-    tension: Floats
-    like: int
-    sign: float = 1.0
-    partner: int | None = None
-    share: float = 0.0
+    kind: Kind  # of slip
+    words: str  # what was done instead
+    masses_g: Mapping[str, float]  # that hung
+    posture: str  # in which
+    tension: Floats  # (muscles,) [N]
+    like: int  # index of a case in that posture, whose setting is taken
+    sign: float = 1.0  # of the reading: 0 where the tare holds the load too, -1 where tare and load are exchanged
+    partner: int | None = None  # index of the case that it is exchanged with
+    share: float = 0.0  # of this slip among all that can happen to the case
 
 
 class PossibleSlips:

@@ -19,16 +19,13 @@ class NoiseWhitening:
     """A root of the inverse of N + T Tᵀ: noise N that is block-diagonal by case, and columns T of the tares.
 
     Attributes:
-        roots: rows and inverse roots of the noise by case.
-        left: (n, k) and
         right: (k, n) what the tares take away after it. A tare is one of a few cases: hardly anything is not zero.
-        log_det: of N + T Tᵀ.
     """
 
-    roots: list[tuple[Ints, Floats]]
-    left: csr_array
+    roots: list[tuple[Ints, Floats]]  # rows and inverse roots of the noise by case
+    left: csr_array  # (n, k) and
     right: csr_array
-    log_det: float
+    log_det: float  # of N + T Tᵀ
 
     @classmethod
     def of(cls, roots: list[tuple[Ints, Floats]], log_det: float, tares: Floats) -> NoiseWhitening:
@@ -82,17 +79,11 @@ def whitened(roots: list[tuple[Ints, Floats]], columns: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class WhitenedSmooth:
-    """Smooth columns under one noise.
+    """Smooth columns under one noise."""
 
-    Attributes:
-        noise: by case, and of the tares.
-        part: (n, k) columns of a block, not whitened.
-        columns: (n, k) whitened ones, by their block.
-    """
-
-    noise: NoiseWhitening
-    part: Callable[[str], Floats]
-    columns: dict[str, Floats] = field(default_factory=dict, repr=False)
+    noise: NoiseWhitening  # by case, and of the tares
+    part: Callable[[str], Floats]  # (n, k) columns of a block, not whitened
+    columns: dict[str, Floats] = field(default_factory=dict, repr=False)  # (n, k) whitened ones, by their block
     _inner: dict[tuple[str, str], Floats] = field(default_factory=dict, repr=False)
 
     def of(self, block: str) -> Floats:
@@ -114,19 +105,12 @@ _MANY = 2
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """A root of the inverse of N + U Uᵀ.
+    """A root of the inverse of N + U Uᵀ."""
 
-    Attributes:
-        noise: N, of all that no weight describes.
-        left: (n, k) and
-        right: (k, n) what the shared weights take away after it; or else
-        dense: (n, n) the root of the rest.
-    """
-
-    noise: NoiseWhitening
-    left: Floats | None = None
-    right: Floats | None = None
-    dense: Tiles | None = None
+    noise: NoiseWhitening  # N, of all that no weight describes
+    left: Floats | None = None  # (n, k) and
+    right: Floats | None = None  # (k, n) what the shared weights take away after it; or else
+    dense: Tiles | None = None  # (n, n) the root of the rest
 
     @classmethod
     def of(cls, noise: NoiseWhitening, shared: Floats) -> Whitening:

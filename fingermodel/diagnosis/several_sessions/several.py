@@ -44,29 +44,20 @@ class Pooled:
     """What several sessions say together.
 
     Attributes:
-        sessions: ids.
-        diagnoses: of each by itself.
-        ranking: what may be shared, best first.
-        p_apart: probability that nothing is shared: each session has an explanation of its own, or needs none.
-        p_nothing: of that, that nothing is missing in any.
-        p_other: of that, that it is something outside the catalogue in each.
-        verdict: on what is shared.
         shared: a law that nobody listed, that the specimens share; None where their fingers have other tendons, or all
             sessions are of one specimen.
-        findings: of specimens of which there are several sessions.
-        seconds: of the computation.
     """
 
-    sessions: tuple[str, ...]
-    diagnoses: tuple[Diagnosis, ...]
-    ranking: tuple[SharedEffect, ...]
-    p_apart: float
-    p_nothing: float
-    p_other: float
-    verdict: PooledVerdict
+    sessions: tuple[str, ...]  # ids
+    diagnoses: tuple[Diagnosis, ...]  # of each by itself
+    ranking: tuple[SharedEffect, ...]  # what may be shared, best first
+    p_apart: float  # probability that nothing is shared: each session has an explanation of its own, or needs none
+    p_nothing: float  # of that, that nothing is missing in any
+    p_other: float  # of that, that it is something outside the catalogue in each
+    verdict: PooledVerdict  # on what is shared
     shared: SharedFinding | None
-    findings: Sequence[Finding]
-    seconds: float
+    findings: Sequence[Finding]  # of specimens of which there are several sessions
+    seconds: float  # of the computation
 
 
 def diagnose_pooled(

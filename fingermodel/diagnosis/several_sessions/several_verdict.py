@@ -18,23 +18,14 @@ from fingermodel.parameters import Parameter
 
 @dataclass(frozen=True, eq=False)
 class InSession:
-    """What one session says of what is shared.
+    """What one session says of what is shared."""
 
-    Attributes:
-        gain: log evidence that it acts there, over what else may act, to the power to which it counts.
-        values: (k,) of its parameters, in their units, by this session alone.
-        sd: (k,) of them.
-        own: candidates that act beside it there alone; None is something unknown.
-        by_name: probability that it acts there by its known law, if it acts.
-        size: what the session says of its parameters, in prior widths.
-    """
-
-    gain: float
-    values: Floats
-    sd: Floats
-    own: tuple[str, ...] | None
-    by_name: float
-    size: Quadratic
+    gain: float  # log evidence that it acts there, over what else may act, to the power to which it counts
+    values: Floats  # (k,) of its parameters, in their units, by this session alone
+    sd: Floats  # (k,) of them
+    own: tuple[str, ...] | None  # candidates that act beside it there alone; None is something unknown
+    by_name: float  # probability that it acts there by its known law, if it acts
+    size: Quadratic  # what the session says of its parameters, in prior widths
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,26 +33,18 @@ class SharedEffect:
     """Candidates that act in all sessions.
 
     Attributes:
-        explanation: what is shared, as the first session has it.
-        parameters: of what is shared.
-        one_size: whether one size serves all sessions better than one in each.
-        value: (k,) size by all sessions together, in the parameters' units.
-        sd: (k,) of it.
         log_evidence_shared: that it acts in all over that it acts in none, with one size for all; to the same power.
-        log_evidence_own: the same with a size for each session.
-        each: by session.
-        probability: of this explanation among all pooled ones.
     """
 
-    explanation: Explanation
-    parameters: tuple[Parameter, ...]
-    one_size: bool
-    value: Floats
-    sd: Floats
+    explanation: Explanation  # what is shared, as the first session has it
+    parameters: tuple[Parameter, ...]  # of what is shared
+    one_size: bool  # whether one size serves all sessions better than one in each
+    value: Floats  # (k,) size by all sessions together, in the parameters' units
+    sd: Floats  # (k,) of it
     log_evidence_shared: float
-    log_evidence_own: float
-    each: tuple[InSession, ...]
-    probability: float = 0.0
+    log_evidence_own: float  # the same with a size for each session
+    each: tuple[InSession, ...]  # by session
+    probability: float = 0.0  # of this explanation among all pooled ones
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,22 +57,16 @@ class PooledVerdict:
     """What the sessions say together, and why.
 
     Attributes:
-        kind: of the verdict.
-        names: candidates that it names.
-        probability: of the verdict.
-        sentence: in plain words.
-        short: what was short of a stronger verdict.
         rests_on: sessions without which what is found would not be sure; none where nothing is found.
-        effect: that is found.
     """
 
-    kind: Kind
-    names: tuple[str, ...]
-    probability: float
-    sentence: str
-    short: tuple[str, ...] = ()
+    kind: Kind  # of the verdict
+    names: tuple[str, ...]  # candidates that it names
+    probability: float  # of the verdict
+    sentence: str  # in plain words
+    short: tuple[str, ...] = ()  # what was short of a stronger verdict
     rests_on: tuple[str, ...] = ()
-    effect: SharedEffect | None = None
+    effect: SharedEffect | None = None  # that is found
 
 
 def judge_together(

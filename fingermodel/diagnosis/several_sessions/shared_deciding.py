@@ -41,17 +41,11 @@ Change = tuple[Floats, Floats]
 
 @dataclass(frozen=True)
 class Deciding:
-    """A reading that would part the laws.
+    """A reading that would part the laws."""
 
-    Attributes:
-        case: what to hang where.
-        reading: one of READINGS.
-        information_nat: between law and reading.
-    """
-
-    case: PlannedReading
-    reading: str
-    information_nat: float
+    case: PlannedReading  # what to hang where
+    reading: str  # one of READINGS
+    information_nat: float  # between law and reading
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it."""

@@ -23,28 +23,19 @@ class SharedFinding:
     """What sessions share that no effect describes.
 
     Attributes:
-        sessions: ids.
-        specimens: of each session.
-        curves: of each stage, the most evident first.
-        observed: what sharing gains at most over not sharing, in ln evidence.
-        shuffled: (shuffles,) the same with tendons and signs of the sessions shuffled.
         laws: that the leading curve resembles, best first; none where it is improbable that it is shared; and
-        law_curves: (laws, parts, postures) each as the leading curve would show it.
-        deciding: readings that would part them, best first, on a specimen like `decided_on`.
-        decided_between: formulas of those laws.
-        decided_on: session that it helps most, learned from the other specimens.
     """
 
-    sessions: tuple[str, ...]
-    specimens: tuple[str, ...]
-    curves: tuple[SharedCurve, ...]
-    observed: float
-    shuffled: Floats
+    sessions: tuple[str, ...]  # ids
+    specimens: tuple[str, ...]  # of each session
+    curves: tuple[SharedCurve, ...]  # of each stage, the most evident first
+    observed: float  # what sharing gains at most over not sharing, in ln evidence
+    shuffled: Floats  # (shuffles,) the same with tendons and signs of the sessions shuffled
     laws: tuple[SharedLaw, ...]
-    law_curves: Floats
-    deciding: tuple[Deciding, ...] = ()
-    decided_between: tuple[str, ...] = ()
-    decided_on: str = ""
+    law_curves: Floats  # (laws, parts, postures) each as the leading curve would show it
+    deciding: tuple[Deciding, ...] = ()  # readings that would part them, best first, on a specimen like `decided_on`
+    decided_between: tuple[str, ...] = ()  # formulas of those laws
+    decided_on: str = ""  # session that it helps most, learned from the other specimens
 
     @property
     def curve(self) -> SharedCurve:

@@ -35,17 +35,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class SharedCurve(SmoothCurve):
-    """A curve that sessions share; its log evidence is over each session's having its own.
+    """A curve that sessions share; its log evidence is over each session's having its own."""
 
-    Attributes:
-        left_out_gain: (sessions,) log density that it adds to each session, learned from the other specimens.
-        own: (sessions, parts, postures) by each session alone.
-        nodes: of the sessions.
-    """
-
-    left_out_gain: Floats
-    own: Floats
-    nodes: tuple[Node, ...]
+    left_out_gain: Floats  # (sessions,) log density that it adds to each session, learned from the other specimens
+    own: Floats  # (sessions, parts, postures) by each session alone
+    nodes: tuple[Node, ...]  # of the sessions
 
 
 @dataclass(eq=False)
@@ -53,17 +47,13 @@ class StageSearch:
     """The curve of one stage: what sessions say of it at their nodes, each asked once.
 
     Attributes:
-        fits: of each session.
-        specimens: of each session.
-        curves: of the sessions.
-        stage: of the curve.
         paths: nodes of the sessions to which each size that was tried leads.
     """
 
-    fits: Sequence[Optimum]
-    specimens: Sequence[str]
-    curves: Curves
-    stage: Stage
+    fits: Sequence[Optimum]  # of each session
+    specimens: Sequence[str]  # of each session
+    curves: Curves  # of the sessions
+    stage: Stage  # of the curve
     paths: dict[float, tuple[Node, ...]] = field(default_factory=dict)
     _known: dict[tuple[int, Node], Said] = field(default_factory=dict, repr=False)
 

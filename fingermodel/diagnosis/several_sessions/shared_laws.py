@@ -30,33 +30,22 @@ class SharedLaw:
     """One law with one value in all sessions.
 
     Attributes:
-        name: of an effect's parameter, or the formula with its coefficient k.
-        unit: of the value.
-        value: by all sessions together.
-        sd: of it.
-        each: (sessions,) value by each session alone, and
-        each_sd: (sessions,) its sd, the prior's where it says nothing.
-        log_evidence: that it acts in all of them, over that it acts in none.
-        left_out_gain: (sessions,) log density that it adds to each, its value learned from the other specimens.
         unseen: by session: RMSE [N] of the validation forces' components by mount, before and with the value of the
             others.
-        rivals: other laws that these load cases cannot part from it.
-        formula: with which it can be added; None for an effect, which has its name.
-        changes: (cases, 6) of each session's readings by its value.
     """
 
-    name: str
-    unit: str
-    value: float
-    sd: float
-    each: Floats
-    each_sd: Floats
-    log_evidence: float
-    left_out_gain: Floats
+    name: str  # of an effect's parameter, or the formula with its coefficient k
+    unit: str  # of the value
+    value: float  # by all sessions together
+    sd: float  # of it
+    each: Floats  # (sessions,) value by each session alone, and
+    each_sd: Floats  # (sessions,) its sd, the prior's where it says nothing
+    log_evidence: float  # that it acts in all of them, over that it acts in none
+    left_out_gain: Floats  # (sessions,) log density that it adds to each, its value learned from the other specimens
     unseen: tuple[dict[str, tuple[float, float]], ...]
-    rivals: tuple[str, ...]
-    formula: Hint | None
-    changes: tuple[Floats, ...]
+    rivals: tuple[str, ...]  # other laws that these load cases cannot part from it
+    formula: Hint | None  # with which it can be added; None for an effect, which has its name
+    changes: tuple[Floats, ...]  # (cases, 6) of each session's readings by its value
 
     @property
     def agreement(self) -> float:

@@ -24,21 +24,13 @@ MOST_BLOCKS = 20
 
 @dataclass(frozen=True)
 class Amend:
-    """One amendment of a block of cases.
+    """One amendment of a block of cases."""
 
-    Attributes:
-        cases: the block, as `daq.sessions.amendments.block_of` has it.
-        tendons: the tendon that bore a weight, by the one that was entered.
-        weights_g: what a weight really weighs [g], by what was entered.
-        masses_g: what really hung on a tendon [g], 0 for nothing.
-        posture: that was really set; None where it was as entered.
-    """
-
-    cases: str
-    tendons: dict[str, str] = field(default_factory=dict)
-    weights_g: dict[float, float] = field(default_factory=dict)
-    masses_g: dict[str, float] = field(default_factory=dict)
-    posture: str | None = None
+    cases: str  # the block, as `daq.sessions.amendments.block_of` has it
+    tendons: dict[str, str] = field(default_factory=dict)  # the tendon that bore a weight, by the one that was entered
+    weights_g: dict[float, float] = field(default_factory=dict)  # what a weight really weighs [g], by what was entered
+    masses_g: dict[str, float] = field(default_factory=dict)  # what really hung on a tendon [g], 0 for nothing
+    posture: str | None = None  # that was really set; None where it was as entered
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,27 +38,19 @@ class Change:
     """Something that is another than was entered by an amount: a mount's gain, a weight, two exchanged ones, an angle.
 
     Attributes:
-        kind: of fault; of a posture the amount is an angle [rad], else it is relative.
-        saying: what is said of it; the value goes into the braces, if there are any.
-        entered: the value then; of an angle [deg].
-        spread: standard deviation of the amount's prior about 0; 0 where the amount is known to be 1.
-        least: that the amount is at least.
         acts: (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases,
             rotations) of joint angles.
-        above: that the amount is more than.
-        amend: amendments that put it right; none where its amount is only estimated.
-        amount: as the readings tell it; 0 where nothing is put right.
     """
 
-    kind: Kind
-    saying: str
-    entered: float
-    spread: float
-    least: float
+    kind: Kind  # of fault; of a posture the amount is an angle [rad], else it is relative
+    saying: str  # what is said of it; the value goes into the braces, if there are any
+    entered: float  # the value then; of an angle [deg]
+    spread: float  # standard deviation of the amount's prior about 0; 0 where the amount is known to be 1
+    least: float  # that the amount is at least
     acts: Floats
-    above: float = -1.0
-    amend: tuple[Amend, ...] = ()
-    amount: float = 0.0
+    above: float = -1.0  # that the amount is more than
+    amend: tuple[Amend, ...] = ()  # amendments that put it right; none where its amount is only estimated
+    amount: float = 0.0  # as the readings tell it; 0 where nothing is put right
 
     @property
     def words(self) -> str:

@@ -14,19 +14,12 @@ from fingermodel.diagnosis.settings import ALIKE, DETECTABLE
 
 @dataclass(frozen=True, eq=False)
 class Confounding:
-    """Candidates against each other.
+    """Candidates against each other."""
 
-    Attributes:
-        names: of the candidates.
-        correlation: (n, n) largest canonical correlation of what they change, beyond what the base model absorbs.
-        detectability: of each, in standard deviations at the size of its prior.
-        classes: sets of names that are alike, of two or more.
-    """
-
-    names: tuple[str, ...]
-    correlation: Floats
-    detectability: dict[str, float]
-    classes: tuple[tuple[str, ...], ...]
+    names: tuple[str, ...]  # of the candidates
+    correlation: Floats  # (n, n) largest canonical correlation of what they change, beyond what the base model absorbs
+    detectability: dict[str, float]  # of each, in standard deviations at the size of its prior
+    classes: tuple[tuple[str, ...], ...]  # sets of names that are alike, of two or more
 
     def alike(self, name: str) -> tuple[str, ...]:
         """Candidates that cannot be told from one, the nearest first."""

@@ -46,27 +46,16 @@ _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """The session with one fault put right.
+    """The session with one fault put right."""
 
-    Attributes:
-        kind: of fault.
-        words: what was done instead of what was entered.
-        observations: with it put right.
-        away: (n,) readings less the model then [N, N mm], in units of the readings as they were entered.
-        log_units: (n,) log of how many times less a unit of each reading is than one of those stated.
-        change: that was put right, where the readings tell its amount.
-        amend: amendments that put it right; none where amendments cannot.
-        sound: what it is held against; None for the session as it was entered.
-    """
-
-    kind: Kind
-    words: str
-    observations: Observations
-    away: Floats
-    log_units: Floats
-    change: Change | None = None
-    amend: tuple[Amend, ...] = ()
-    sound: Observations | None = None
+    kind: Kind  # of fault
+    words: str  # what was done instead of what was entered
+    observations: Observations  # with it put right
+    away: Floats  # (n,) readings less the model then [N, N mm], in units of the readings as they were entered
+    log_units: Floats  # (n,) log of how many times less a unit of each reading is than one of those stated
+    change: Change | None = None  # that was put right, where the readings tell its amount
+    amend: tuple[Amend, ...] = ()  # amendments that put it right; none where amendments cannot
+    sound: Observations | None = None  # what it is held against; None for the session as it was entered
 
     @property
     def fault(self) -> str:
@@ -76,15 +65,10 @@ class Corrected:
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """A session's entries, held against the model at some parameters.
+    """A session's entries, held against the model at some parameters."""
 
-    Attributes:
-        session: as it was entered.
-        theta: (parameters,).
-    """
-
-    session: Session
-    theta: Floats
+    session: Session  # as it was entered
+    theta: Floats  # (parameters,)
 
     @cached_property
     def away(self) -> Floats:

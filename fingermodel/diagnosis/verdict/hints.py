@@ -27,27 +27,16 @@ MOST = 5
 
 @dataclass(frozen=True, eq=False)
 class Hint:
-    """One formula that would explain some of what is left.
+    """One formula that would explain some of what is left."""
 
-    Attributes:
-        stage: at which it acts.
-        joint: at which, None for tensions and readings.
-        formula: in the language of the user's own effects, with the coefficient k.
-        unit: of k.
-        scale: half of a plausible range of k.
-        k: most probable value.
-        log_evidence_gain: over the model as it is.
-        left_out_gain: log density that it adds to the cases, each predicted from all others.
-    """
-
-    stage: str
-    joint: str | None
-    formula: str
-    unit: str
-    scale: float
-    k: float
-    log_evidence_gain: float
-    left_out_gain: float
+    stage: str  # at which it acts
+    joint: str | None  # at which, None for tensions and readings
+    formula: str  # in the language of the user's own effects, with the coefficient k
+    unit: str  # of k
+    scale: float  # half of a plausible range of k
+    k: float  # most probable value
+    log_evidence_gain: float  # over the model as it is
+    left_out_gain: float  # log density that it adds to the cases, each predicted from all others
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it, with an effect document that can be added."""

@@ -29,19 +29,12 @@ _LOG_UNLIKE = float(np.log(P_UNLIKE))
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Some readings as an explanation predicts them, everything known of the rest taken into account.
+    """Some readings as an explanation predicts them, everything known of the rest taken into account."""
 
-    Attributes:
-        away: (n,) readings less their prediction [N, N mm].
-        covariance: (n, n) of it: noise, scatter, parameters, errors of form, something smooth.
-        cases: (n,) case of each reading.
-        bad_size: (n,) how far each may be off in a bad case [N, N mm].
-    """
-
-    away: Floats
-    covariance: Floats
-    cases: Ints
-    bad_size: Floats
+    away: Floats  # (n,) readings less their prediction [N, N mm]
+    covariance: Floats  # (n, n) of it: noise, scatter, parameters, errors of form, something smooth
+    cases: Ints  # (n,) case of each reading
+    bad_size: Floats  # (n,) how far each may be off in a bad case [N, N mm]
 
 
 @dataclass(frozen=True)
@@ -49,21 +42,15 @@ class PredictiveCheck:
     """What the validation cases say of an explanation.
 
     Attributes:
-        log_density: of those that are not bad; None where there are none.
-        p_value: that they would be missed so far; None where there are none.
-        bad: log odds of the cases that are more probably bad than not, by index of the case.
-        slips: what may have been done in these instead of what was entered.
-        missed: those that are not bad, and by themselves out of the question.
-        log_evidence: for the explanation by all of them, whichever are bad.
         predictions: of them, with the weight of each node of the hyperparameters.
     """
 
-    log_density: float | None
-    p_value: float | None
-    bad: dict[int, float]
-    slips: dict[int, Explained]
-    missed: tuple[int, ...] = ()
-    log_evidence: float = 0.0
+    log_density: float | None  # of those that are not bad; None where there are none
+    p_value: float | None  # that they would be missed so far; None where there are none
+    bad: dict[int, float]  # log odds of the cases that are more probably bad than not, by index of the case
+    slips: dict[int, Explained]  # what may have been done in these instead of what was entered
+    missed: tuple[int, ...] = ()  # those that are not bad, and by themselves out of the question
+    log_evidence: float = 0.0  # for the explanation by all of them, whichever are bad
     predictions: tuple[tuple[float, Prediction], ...] = field(default=(), repr=False)
 
     @property

@@ -29,17 +29,11 @@ Value = Callable[[Optimum, Node], float]
 
 @dataclass(frozen=True)
 class Assumption:
-    """The probability of what is said under one assumption.
+    """The probability of what is said under one assumption."""
 
-    Attributes:
-        group: prior, width, budget, noise, without, or plane.
-        words: the assumption.
-        probability: of what the verdict says.
-    """
-
-    group: str
-    words: str
-    probability: float
+    group: str  # prior, width, budget, noise, without, or plane
+    words: str  # the assumption
+    probability: float  # of what the verdict says
 
 
 @dataclass(frozen=True)
@@ -47,15 +41,13 @@ class Sensitivity:
     """The probability of what is said under every assumption tried.
 
     Attributes:
-        assumptions: in the order of their groups.
         budget_multiple_at_which_it_fails: smallest multiple of the budget tried at which it is not sure; None if it is
             at all of them.
-        sagittal_alone: the kind of verdict where only the sagittal plane counts.
     """
 
-    assumptions: tuple[Assumption, ...]
+    assumptions: tuple[Assumption, ...]  # in the order of their groups
     budget_multiple_at_which_it_fails: float | None
-    sagittal_alone: str | None
+    sagittal_alone: str | None  # the kind of verdict where only the sagittal plane counts
 
     @property
     def flips_when(self) -> tuple[str, ...]:

@@ -38,36 +38,22 @@ _MOVED = 0.02
 
 @dataclass(frozen=True)
 class SessionFault:
-    """A fault of the whole session.
+    """A fault of the whole session."""
 
-    Attributes:
-        kind: of fault.
-        words: what was done instead of what was entered.
-        probability: that it is so.
-        amend: amendments that put it right; none where amendments cannot.
-    """
-
-    kind: Kind
-    words: str
-    probability: float
-    amend: tuple[Amend, ...] = ()
+    kind: Kind  # of fault
+    words: str  # what was done instead of what was entered
+    probability: float  # that it is so
+    amend: tuple[Amend, ...] = ()  # amendments that put it right; none where amendments cannot
 
 
 @dataclass(frozen=True, eq=False)
 class PutRight:
-    """How well the readings are explained with one fault put right.
+    """How well the readings are explained with one fault put right."""
 
-    Attributes:
-        offer: the fault, its amount as the fit tells it.
-        log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
-        fit: the better of the two.
-        entered: fits the session without the fault, mostly as it was entered.
-    """
-
-    offer: Corrected
-    log_posterior: float
-    fit: Optimum
-    entered: Fitter
+    offer: Corrected  # the fault, its amount as the fit tells it
+    log_posterior: float  # of the base model, and of one effect beside it; the fault's own prior included
+    fit: Optimum  # the better of the two
+    entered: Fitter  # fits the session without the fault, mostly as it was entered
 
     @cached_property
     def predicted(self) -> PredictiveCheck:
@@ -159,19 +145,12 @@ def put_right_beside(candidates: Candidates, leader: Optimum) -> list[PutRight]:
 
 @dataclass(frozen=True, eq=False)
 class _Possible:
-    """What may have been entered wrongly, of which each changes more of the fitted cases than a slip does.
+    """What may have been entered wrongly, of which each changes more of the fitted cases than a slip does."""
 
-    Attributes:
-        entries: as they were entered.
-        offers: of labels and units.
-        changes: by an amount.
-        counts: of each kind, from which its prior follows.
-    """
-
-    entries: Entries
-    offers: list[Corrected]
-    changes: list[Change]
-    counts: Counter[Kind]
+    entries: Entries  # as they were entered
+    offers: list[Corrected]  # of labels and units
+    changes: list[Change]  # by an amount
+    counts: Counter[Kind]  # of each kind, from which its prior follows
 
     @classmethod
     def of(cls, entries: Entries, more: Sequence[Corrected], by_balance: int) -> _Possible:

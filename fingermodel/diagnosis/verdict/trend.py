@@ -31,21 +31,13 @@ _TOLD = {
 
 
 class _Asked(NamedTuple):
-    """What may change along time or load.
+    """What may change along time or load."""
 
-    Attributes:
-        what: changes.
-        along: time or load.
-        unit: of how far it has changed: `%` or `°`.
-        columns: (n, 1 + k) change of every reading if it is off throughout, and by each part of its course.
-        course: (3, k) those parts where it is told.
-    """
-
-    what: str
-    along: Literal["time", "load"]
-    unit: str
-    columns: Floats
-    course: Floats
+    what: str  # changes
+    along: Literal["time", "load"]  # time or load
+    unit: str  # of how far it has changed: `%` or `°`
+    columns: Floats  # (n, 1 + k) change of every reading if it is off throughout, and by each part of its course
+    course: Floats  # (3, k) those parts where it is told
 
 
 @dataclass(frozen=True)
@@ -53,22 +45,16 @@ class Trend:
     """What of the rig or the load seems to change along time or load.
 
     Attributes:
-        what: changes: the cell's gain, what a tendon pulls, or a joint angle.
-        along: `time` or `load`.
-        p_value: that chance makes so much of one of all that were asked.
-        log_evidence: that it adds to the readings, as one of all that were asked.
-        size_N: RMS of what it changes in the fitted force components.
-        unit: of the course.
         course: how far it has changed at the first case, halfway and at the last; or at no load, half the largest load,
             and the largest.
     """
 
-    what: str
-    along: Literal["time", "load"]
-    p_value: float
-    log_evidence: float
-    size_N: float
-    unit: str
+    what: str  # changes: the cell's gain, what a tendon pulls, or a joint angle
+    along: Literal["time", "load"]  # `time` or `load`
+    p_value: float  # that chance makes so much of one of all that were asked
+    log_evidence: float  # that it adds to the readings, as one of all that were asked
+    size_N: float  # RMS of what it changes in the fitted force components
+    unit: str  # of the course
     course: tuple[float, ...]
 
     @property

@@ -28,23 +28,14 @@ _USUAL_EXTRA_N = 2.0 * EXTRA_NOISE_N.scale
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the data say, and why.
+    """What the data say, and why."""
 
-    Attributes:
-        kind: the verdict.
-        names: candidates that it names.
-        effects: their effects; empty unless found or one of.
-        probability: of the verdict; of the likeliest statement where it is undecided.
-        reasons: plain sentences for it.
-        short: what was short of a stronger verdict.
-    """
-
-    kind: Kind
-    names: tuple[str, ...]
-    effects: tuple[str, ...]
-    probability: float
-    reasons: tuple[str, ...] = ()
-    short: tuple[str, ...] = ()
+    kind: Kind  # the verdict
+    names: tuple[str, ...]  # candidates that it names
+    effects: tuple[str, ...]  # their effects; empty unless found or one of
+    probability: float  # of the verdict; of the likeliest statement where it is undecided
+    reasons: tuple[str, ...] = ()  # plain sentences for it
+    short: tuple[str, ...] = ()  # what was short of a stronger verdict
 
     def lacking(self, what: str) -> Verdict:
         """Undecided for want of something, with all that speaks for it."""
