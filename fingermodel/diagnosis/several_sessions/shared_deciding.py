@@ -74,7 +74,7 @@ def deciding(
     live = {law.name: law for law in laws}
     cases = feasible(diagnosis)
     planned = CaseChanges(diagnosis.session.model, inputs_of(diagnosis, cases))
-    slopes = {text: change for (_, _, text, _), _, change in library(planned, fit.theta) if text in texts}
+    slopes = {law.text: law.slopes for law in library(planned, fit.theta) if law.text in texts}
     leading = [law for law in laws if law.name in slopes][:_LAWS]
     if not leading:
         return (), ()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OTHERS
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import ALIKE
-from fingermodel.diagnosis.verdict.hints import Hint, library
+from fingermodel.diagnosis.verdict.hints import Formula, Hint, library
 from fingermodel.diagnosis.verdict.predictive import unseen_errors
 
 # Laws that are looked at closely, and shown.
@@ -57,14 +56,8 @@ class SharedLaw:
 _STEP = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class _Offer:
-    name: str
-    unit: str
-    scale: float
-    # (cases, 6) of each session per `scale`.
-    changes: tuple[Floats, ...]
-    formula: tuple[str, str | None, str, str] | None
+# A law, or the parameter of an effect (of stage ""), and (cases, 6) of each session per its scale.
+_Offer = tuple[Formula, tuple[Floats, ...]]
 
 
 def shared_laws(fits: Sequence[Optimum], specimens: Sequence[str], nodes: Sequence[Node]) -> tuple[SharedLaw, ...]:
@@ -76,7 +69,7 @@ def shared_laws(fits: Sequence[Optimum], specimens: Sequence[str], nodes: Sequen
         nodes: of their hyperparameters.
     """
     offers = [*_effects(fits), *_formulas(fits)]
-    columns = [_columns(fit, [o.changes[k] for o in offers]) for k, fit in enumerate(fits)]
+    columns = [_columns(fit, [changes[k] for _, changes in offers]) for k, fit in enumerate(fits)]
     asked = [fit.asked(c, node) for fit, c, node in zip(fits, columns, nodes, strict=True)]
     a, s = np.array([x[0] for x in asked]), np.array([x[1] for x in asked])
     # What the sessions of other specimens say.
@@ -93,7 +86,7 @@ def shared_laws(fits: Sequence[Optimum], specimens: Sequence[str], nodes: Sequen
             continue
         group = np.flatnonzero(np.abs(alike[k]) >= ALIKE).tolist()
         taken |= set(group)
-        rivals = tuple(offers[ranked[i]].name for i in group if i != k)
+        rivals = tuple(offers[ranked[i]][0].text for i in group if i != k)
         said, learned = (a[:, index], s[:, index]), others_s[:, index] / (1.0 + others_a[:, index])
         out.append(_law(fits, nodes, offers[index], said, learned, left_out[:, index], rivals))
     return tuple(out)
@@ -127,19 +120,16 @@ def _effects(fits: Sequence[Optimum]) -> list[_Offer]:
             theta[fit.session.model.parameters.names.index(name)] += _STEP * scale
             changes.append((fit.session.changes.readings(theta) - now) / _STEP)
         if all(c.any() for c in changes):
-            out.append(_Offer(name, table.parameters[table.names.index(name)].unit, scale, tuple(changes), None))
+            unit = table.parameters[table.names.index(name)].unit
+            out.append((Formula("", None, name, unit, scale, changes[0]), tuple(changes)))
     return out
 
 
 def _formulas(fits: Sequence[Optimum]) -> list[_Offer]:
-    found: list[dict[str, Any]] = [{t[0][2]: t for t in library(f.session.changes, f.theta)} for f in fits]
-    out = []
-    for text, (about, scale, _) in found[0].items():
-        if all(text in other for other in found):
-            changes = tuple(scale * other[text][2] for other in found)
-            if all(c.any() for c in changes):
-                out.append(_Offer(text, about[3], scale, changes, about))
-    return out
+    found = [{law.text: law for law in library(f.session.changes, f.theta)} for f in fits]
+    common = [text for text in found[0] if all(text in other for other in found)]
+    out = [(found[0][t], tuple(found[0][t].scale * other[t].slopes for other in found)) for t in common]
+    return [(law, changes) for law, changes in out if all(c.any() for c in changes)]
 
 
 def _law(
@@ -151,28 +141,24 @@ def _law(
     left_out: Floats,
     rivals: tuple[str, ...],
 ) -> SharedLaw:
-    a, s = said
-    value, sd = offer.scale * s.sum() / (1.0 + a.sum()), offer.scale / np.sqrt(1.0 + a.sum())
+    (a, s), (law, changes) = said, offer
+    value, sd = law.scale * s.sum() / (1.0 + a.sum()), law.scale / np.sqrt(1.0 + a.sum())
     unseen = tuple(
-        unseen_errors(fit, node, learned[k] * offer.changes[k])
-        for k, (fit, node) in enumerate(zip(fits, nodes, strict=True))
+        unseen_errors(fit, node, learned[k] * changes[k]) for k, (fit, node) in enumerate(zip(fits, nodes, strict=True))
     )
     evidence = float(gain_of_each(a.sum(keepdims=True), s.sum(keepdims=True))[0])
-    formula = None
-    if offer.formula is not None:
-        stage, joint, text, unit = offer.formula
-        formula = Hint(stage, joint, text, unit, offer.scale, float(value), evidence, float(left_out.sum()))
+    formula = Hint(law, float(value), evidence, float(left_out.sum())) if law.stage else None
     return SharedLaw(
-        offer.name,
-        offer.unit,
+        law.text,
+        law.unit,
         float(value),
         float(sd),
-        offer.scale * s / (1.0 + a),
-        offer.scale / np.sqrt(1.0 + a),
+        law.scale * s / (1.0 + a),
+        law.scale / np.sqrt(1.0 + a),
         evidence,
         left_out,
         unseen,
         rivals,
         formula,
-        tuple(float(value) / offer.scale * change for change in offer.changes),
+        tuple(float(value) / law.scale * change for change in changes),
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,39 +25,47 @@ WORTH = 3.0
 MOST = 5
 
 
+class Formula(NamedTuple):
+    """A law with one coefficient k."""
+
+    stage: str  # at which it acts
+    joint: str | None  # at which, None for tensions and readings
+    text: str  # in the language of the user's own effects
+    unit: str  # of k
+    scale: float  # half of a plausible range of k
+    slopes: Floats  # (cases, 6) change of every reading per unit of k
+
+
 @dataclass(frozen=True, eq=False)
 class Hint:
     """One formula that would explain some of what is left."""
 
-    stage: str  # at which it acts
-    joint: str | None  # at which, None for tensions and readings
-    formula: str  # in the language of the user's own effects, with the coefficient k
-    unit: str  # of k
-    scale: float  # half of a plausible range of k
+    law: Formula
     k: float  # most probable value
     log_evidence_gain: float  # over the model as it is
     left_out_gain: float  # log density that it adds to the cases, each predicted from all others
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it, with an effect document that can be added."""
-        left = self.formula.partition("=")[0].rstrip("+* ")
+        stage, joint, formula, unit, scale, _ = self.law
+        left = formula.partition("=")[0].rstrip("+* ")
         name = "hint_" + "".join(c if c.isalnum() else "_" for c in left).strip("_")
-        place = f"at the {self.joint} joint" if self.joint else f"at stage {self.stage}"
+        place = f"at the {joint} joint" if joint else f"at stage {stage}"
         return {
-            "stage": self.stage,
-            "joint": self.joint,
-            "formula": self.formula.split("= ", 1)[1] if self.stage == "torque" else self.formula,
+            "stage": stage,
+            "joint": joint,
+            "formula": formula.split("= ", 1)[1] if stage == "torque" else formula,
             "log_evidence_gain": self.log_evidence_gain,
             "left_out_gain": self.left_out_gain,
-            "text": f"{self.formula} with k about {self.k:.3g} {self.unit} ({place}) explains part of what is left; "
+            "text": f"{formula} with k about {self.k:.3g} {unit} ({place}) explains part of what is left; "
             "adding it shows whether the error of the validation cases falls",
             "effect": {
                 "format": "fingertwin-effect/1",
                 "name": name.lower(),
                 "title": f"a term that the data ask for {place}",
                 "source": "a hint of fingertwin diagnose",
-                "formula": self.formula,
-                "parameters": {"k": {"unit": self.unit, "range": [-2.0 * self.scale, 2.0 * self.scale]}},
+                "formula": formula,
+                "parameters": {"k": {"unit": unit, "range": [-2.0 * scale, 2.0 * scale]}},
             },
         }
 
@@ -72,29 +80,22 @@ def hints(fit: Optimum, node: Node) -> tuple[Hint, ...]:
     session = fit.session
     rows = session.rows[session.fitted]
     terms = list(library(session.changes, fit.theta))
-    columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
+    columns = np.array([term.slopes.reshape(-1)[rows] * term.scale for term in terms]).T
     a, s = fit.asked(columns, node)
     spread = float(np.sqrt(max(fit.misfit(node) / max(len(rows), 1), 1.0)))
     a, s = a / spread**2, s / spread**2
     gain, left_out = gain_of_each(a, s), fit.left_out_gains(columns, node, spread)
     out: list[Hint] = []
     for i in np.argsort(-np.where(gain >= WORTH, left_out, -np.inf))[:MOST]:
-        (stage, joint, formula, unit), scale, _ = terms[i]
         if gain[i] < WORTH or left_out[i] <= 0.0:
             break
-        k = float(scale * s[i] / (1.0 + a[i]))
-        out.append(Hint(stage, joint, formula, unit, scale, k, float(gain[i]), float(left_out[i])))
+        k = float(terms[i].scale * s[i] / (1.0 + a[i]))
+        out.append(Hint(terms[i], k, float(gain[i]), float(left_out[i])))
     return tuple(out)
 
 
-Term = tuple[tuple[str, str | None, str, str], float, Floats]
-
-
-def library(changes: CaseChanges, theta: Floats) -> Iterator[Term]:
-    """Formulas of up to three factors: their stage, joint, text and unit; a plausible size of the coefficient; slopes.
-
-    Slopes (n, 6) are the change of every reading per unit of the coefficient.
-    """
+def library(changes: CaseChanges, theta: Floats) -> Iterator[Formula]:
+    """Formulas of up to three factors."""
     topology, inputs = changes.model.finger.topology, changes.inputs
     tension, posture = np.asarray(inputs.tension), np.asarray(inputs.posture)
     answer = changes.torque_answer
@@ -113,15 +114,15 @@ def library(changes: CaseChanges, theta: Floats) -> Iterator[Term]:
         for words, pull in pulls:
             for shape, values in _shapes(joints, angles):
                 formula = f"torque[{rotation}] += k * {words}{shape}"
-                yield ("torque", rotation, formula, "mm"), 2.0, answer[:, row] * (pull * values)[:, None]
+                yield Formula("torque", rotation, formula, "mm", 2.0, answer[:, row] * (pull * values)[:, None])
         for words, pull in squares:
             formula = f"torque[{rotation}] += k * {words}"
-            yield ("torque", rotation, formula, "mm/N"), 0.3, answer[:, row] * pull[:, None]
+            yield Formula("torque", rotation, formula, "mm/N", 0.3, answer[:, row] * pull[:, None])
     by_tension = changes.by_tension(theta)
     slopes = {m: by_tension[:, :, k] for k, m in enumerate(topology.muscles) if by_tension[:, :, k].any()}
     for m, slope in slopes.items():
         for shape, values in _shapes(joints, angles):
-            yield ("tension", None, f"tension[{m}] *= 1 + k{shape}", "1"), 0.1, slope * values[:, None]
+            yield Formula("tension", None, f"tension[{m}] *= 1 + k{shape}", "1", 0.1, slope * values[:, None])
     reading = changes.readings(theta)
     for place, at in (("tip", ~np.asarray(inputs.at_bone)), ("bone", np.asarray(inputs.at_bone))):
         if not at.any():
@@ -130,9 +131,11 @@ def library(changes: CaseChanges, theta: Floats) -> Iterator[Term]:
             unit_force = np.zeros((len(at), 6))
             unit_force[:, i] = at
             for j, b in enumerate("xyz"):
-                yield ("reading", None, f"force.{place}[{a}] += k * F_{b}", "1"), 0.1, unit_force * reading[:, [j]]
+                yield Formula(
+                    "reading", None, f"force.{place}[{a}] += k * F_{b}", "1", 0.1, unit_force * reading[:, [j]]
+                )
             clock = np.asarray(inputs.elapsed)[:, None]
-            yield ("reading", None, f"force.{place}[{a}] += k * elapsed", "N"), 0.5, unit_force * clock
+            yield Formula("reading", None, f"force.{place}[{a}] += k * elapsed", "N", 0.5, unit_force * clock)
 
 
 def _shapes(joints: list[Any], angles: dict[str, Floats]) -> Iterator[tuple[str, Floats]]:
