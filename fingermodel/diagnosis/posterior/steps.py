@@ -10,9 +10,6 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.settings import MOST_NODES, WITHIN
 
-# A step that lost so much wherever it was taken is not taken again.
-_LOST = 3.0 * WITHIN
-
 
 class Steps:
     """Steps between nodes, none of which is asked for twice.
@@ -50,15 +47,12 @@ class Steps:
             sizes: values of each axis.
         """
         node, axis, stood = start, 0, 0
-        # By axis and direction, what the last step there lost.
-        lost: dict[tuple[int, int], float] = {}
         while stood < len(sizes):
             before = node
             for step in (1, -1):
-                while 0 <= node[axis] + step < sizes[axis] and lost.get((axis, step), 0.0) < _LOST:
+                while 0 <= node[axis] + step < sizes[axis]:
                     trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
-                    lost[axis, step] = self.at(node) - self.at(trial)
-                    if lost[axis, step] >= 0.0:
+                    if self.at(trial) <= self.at(node):
                         break
                     node = trial
                 if node != before:
@@ -79,27 +73,15 @@ class Steps:
         """
         found = dict(zip(starts, self.each(starts), strict=True))
         ahead = set(found)
-        # The most that a step gained, wherever it was taken.
-        gained: dict[Node, float] = {}
         while ahead and len(found) < MOST_NODES:
-            node, most = max(ahead, key=lambda n: found[n]), max(found.values())
-            if found[node] < most - WITHIN:
+            node = max(ahead, key=lambda n: found[n])
+            if found[node] < max(found.values()) - WITHIN:
                 break
             ahead.remove(node)
-            steps = {there: _step(node, there) for there in neighbours(node)}
-            least = most - _LOST - found[node]
-            new = [there for there, step in steps.items() if there not in found and gained.get(step, least) >= least]
+            new = [there for there in neighbours(node) if there not in found]
             found |= zip(new, self.each(new), strict=True)
             ahead.update(new)
-            for there, step in steps.items():
-                if there in found:
-                    gained[step] = max(gained.get(step, -np.inf), found[there] - found[node])
         return found
-
-
-def _step(node: Node, there: Node) -> Node:
-    """From a node to another, wherever it is taken: each axis on which they differ, with its index at either."""
-    return tuple(k for axis, (a, b) in enumerate(zip(node, there, strict=True)) if a != b for k in (axis, a, b))
 
 
 def log_share(found: Mapping[Node, float]) -> float:
