@@ -5,8 +5,9 @@ Blocks are made, and multiplied, only when an evaluation asks for them.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -19,9 +20,8 @@ from fingermodel.diagnosis.posterior.hyper import ACTING, OF_CASES, Hyperparamet
 from fingermodel.diagnosis.session_model.bad_cases import Apart, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
-from fingermodel.diagnosis.session_model.reading_changes import is_smooth
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
+from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, Whitened
 from fingermodel.fitting.fit_report import held_at_bound
 from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of_one_plus
@@ -38,20 +38,6 @@ _STEEP = 1e12
 _TOUCHED = 0.05
 
 
-@dataclass(eq=False)
-class Inner:
-    """Inner products of one linearisation's blocks under one noise.
-
-    Attributes:
-        steep: whether slopes are so steep beside the noise that inner products lose what is small beside the largest.
-    """
-
-    smooth: WhitenedSmooth  # columns that every explanation shares
-    blocks: dict[str, Floats] = field(default_factory=dict)  # (n, k) whitened columns of a block
-    products: dict[tuple[str, str], Floats] = field(default_factory=dict)  # (k, l) of two blocks
-    steep: bool | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """A session linearised about the optimum of an explanation."""
@@ -66,7 +52,7 @@ class Linearised:
     bad: frozenset[int]  # cases whose reading may be anything
 
     @cached_property
-    def _inner(self) -> dict[Node, Inner]:
+    def _inner(self) -> dict[Node, Whitened]:
         return {}
 
     def but(self, **changed: Any) -> Self:
@@ -225,63 +211,55 @@ class Linearised:
 
     def steep(self, node: Node) -> bool:
         """Whether slopes are so steep at a node that their inner products lose what is small beside the largest."""
-        inner = self._inner_at(node)
-        if inner.steep is None:
-            slopes = [self._whitened(inner, name) for name in (HELD, BUDGET, ANATOMY, OWN)]
-            inner.steep = max(float((s**2).sum(axis=0).max(initial=0.0)) for s in slopes) > _STEEP
-        return inner.steep
+        if (key := node[OF_CASES]) not in self._steep:
+            slopes = [self._inner_at(node).of(name) for name in (HELD, BUDGET, ANATOMY, OWN)]
+            self._steep[key] = max(float((s**2).sum(axis=0).max(initial=0.0)) for s in slopes) > _STEEP
+        return self._steep[key]
 
-    def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
+    @cached_property
+    def _steep(self) -> dict[Node, bool]:
+        return {}
+
+    def _assembled(self, inner: Whitened, names: Sequence[str]) -> Quadratic:
         spans = self.spans(names)
         count = spans[-1].stop if spans else 0
         hessian, gradient = np.empty((count, count)), np.empty(count)
         for k, (a, of_a) in enumerate(zip(names, spans, strict=True)):
-            gradient[of_a] = self._product(inner, a, RESIDUAL)[:, 0]
+            gradient[of_a] = inner.inner(a, RESIDUAL)[:, 0]
             for b, of_b in zip(names[: k + 1], spans[: k + 1], strict=True):
-                hessian[of_a, of_b] = self._product(inner, a, b)
+                hessian[of_a, of_b] = inner.inner(a, b)
                 hessian[of_b, of_a] = hessian[of_a, of_b].T
-        misfit = float(self._product(inner, RESIDUAL, RESIDUAL)[0, 0])
-        return Quadratic(misfit, gradient, hessian, inner.smooth.noise.log_det)
+        misfit = float(inner.inner(RESIDUAL, RESIDUAL)[0, 0])
+        return Quadratic(misfit, gradient, hessian, inner.noise.log_det)
 
     @cached_property
     def _latest(self) -> dict[tuple[object, ...], Quadratic]:
         return {}
 
-    def _inner_at(self, node: Node) -> Inner:
+    def _inner_at(self, node: Node) -> Whitened:
         key = node[OF_CASES]
         if key not in self._inner:
             # Columns are many times as large as their inner products, and made again in no time.
             for made in self._inner.values():
-                made.blocks.clear()
-            self._inner[key] = Inner(self.session.whitened_smooth(self.hyper.values(node).errors, self.bad))
+                made.columns.clear()
+            smooth = self.session.whitened_smooth(self.hyper.values(node).errors, self.bad)
+            # A cycle of references would keep all columns until the garbage collector runs.
+            fit = weakref.proxy(self)
+            self._inner[key] = Whitened(smooth.noise, lambda name: fit._plain(name), smooth)  # noqa: PLW0108
         return self._inner[key]
 
-    def _whitened(self, inner: Inner, name: str) -> Floats:
-        if is_smooth(name):
-            return inner.smooth.of(name)
-        if name not in inner.blocks:
-            plain = self.residual[:, None] if name == RESIDUAL else self.block(name, self.session.fitted, self.slopes)
-            inner.blocks[name] = inner.smooth.noise @ plain
-        return inner.blocks[name]
-
-    def _product(self, inner: Inner, a: str, b: str) -> Floats:
-        if is_smooth(a) and is_smooth(b):
-            return inner.smooth.inner(a, b)
-        if (b, a) in inner.products:
-            return inner.products[b, a].T
-        if (a, b) not in inner.products:
-            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
-        return inner.products[a, b]
+    def _plain(self, name: str) -> Floats:
+        return self.residual[:, None] if name == RESIDUAL else self.block(name, self.session.fitted, self.slopes)
 
     def whitening(self, node: Node) -> NoiseWhitening:
         """Noise of the fitted readings at a node, by case and of the tares."""
-        return self._inner_at(node).smooth.noise
+        return self._inner_at(node).noise
 
     def whitened_at(self, names: Sequence[str], node: Node) -> tuple[Floats, Floats]:
         """(n, k) whitened columns of some blocks at a node, and (n,) whitened residual."""
         inner = self._inner_at(node)
-        columns = np.concatenate([self._whitened(inner, name) for name in names], axis=1)
-        return columns, self._whitened(inner, RESIDUAL)[:, 0]
+        columns = np.concatenate([inner.of(name) for name in names], axis=1)
+        return columns, inner.of(RESIDUAL)[:, 0]
 
     def marginal(self, node: Node) -> tuple[Floats, Floats]:
         """Everything that acts at a node, integrated out of the whitened readings.

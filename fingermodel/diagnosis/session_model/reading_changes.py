@@ -25,12 +25,6 @@ from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
 
-
-def is_smooth(block: str) -> bool:
-    """Whether a block's columns are something smooth (see `ReadingChanges.smooth`)."""
-    return ":" in block
-
-
 # Step of a derivative by the logarithm of a tension, and by an angle [rad].
 _STEP = 1e-3
 

@@ -20,8 +20,8 @@ from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors, CaseNoise, Scatter
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
-from fingermodel.diagnosis.session_model.reading_changes import LinearisedErrors, ReadingChanges, is_smooth
-from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
+from fingermodel.diagnosis.session_model.reading_changes import LinearisedErrors, ReadingChanges
+from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, Whitened, is_smooth
 from fingermodel.fingers import Plane, require_plane
 from fingermodel.fitting.problems import Problem, require_rows, weighted_problem
 from fingermodel.fitting.roots import root_of
@@ -100,7 +100,7 @@ class Session:
         scatter = Scatter(self.errors.by_tension[chosen], self.changes.by_stated_angle[chosen])
         return CaseNoise.of(own, self.rows[chosen], scatter, places.unit[chosen], size, assumed)
 
-    def whitened_smooth(self, errors: CaseErrors, bad: frozenset[int]) -> WhitenedSmooth:
+    def whitened_smooth(self, errors: CaseErrors, bad: frozenset[int]) -> Whitened:
         """The fitted readings' noise, and smooth columns under it; kept, since every explanation asks for them."""
         # Columns are many times as large as their inner products, and made again in no time.
         for kept in self._kept.values():
@@ -110,7 +110,7 @@ class Session:
             tares = self.changes.tares[self.fitted]
             whitening = NoiseWhitening.of(*self.fitted_noise.whitening(*key), tares)
             changes, fitted = self.changes, self.fitted
-            self._kept[key] = WhitenedSmooth(whitening, lambda block: changes.smooth(block)[fitted])
+            self._kept[key] = Whitened(whitening, lambda block: changes.smooth(block)[fitted])
         return self._kept[key]
 
     def drawn_noise(self, errors: CaseErrors, rng: np.random.Generator) -> Floats:
@@ -128,7 +128,7 @@ class Session:
         self._kept.clear()
 
     @cached_property
-    def _kept(self) -> dict[tuple[CaseErrors, frozenset[int]], WhitenedSmooth]:
+    def _kept(self) -> dict[tuple[CaseErrors, frozenset[int]], Whitened]:
         return {}
 
     @cached_property

@@ -13,6 +13,14 @@ from fingermodel.arrays import Floats, Ints
 from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 from fingermodel.fitting.tiles import Tiles
 
+# Readings for each shared weight from which the weights are eliminated, and not the readings.
+_MANY = 2
+
+
+def is_smooth(block: str) -> bool:
+    """Whether a block's columns are something smooth (see `ReadingChanges.smooth`)."""
+    return ":" in block
+
 
 @dataclass(frozen=True, eq=False)
 class NoiseWhitening:
@@ -78,29 +86,32 @@ def whitened(roots: list[tuple[Ints, Floats]], columns: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedSmooth:
-    """Smooth columns under one noise."""
+class Whitened:
+    """Blocks of columns under one noise."""
 
     noise: NoiseWhitening  # by case, and of the tares
     part: Callable[[str], Floats]  # (n, k) columns of a block, not whitened
+    smooth: Whitened | None = None  # what keeps those of something smooth, for all explanations
     columns: dict[str, Floats] = field(default_factory=dict, repr=False)  # (n, k) whitened ones, by their block
     _inner: dict[tuple[str, str], Floats] = field(default_factory=dict, repr=False)
 
     def of(self, block: str) -> Floats:
         """(n, k) whitened columns of a block."""
+        if self.smooth and is_smooth(block):
+            return self.smooth.of(block)
         if block not in self.columns:
             self.columns[block] = self.noise @ self.part(block)
         return self.columns[block]
 
     def inner(self, a: str, b: str) -> Floats:
-        """(k, k) inner products of two blocks."""
+        """(k, l) inner products of two blocks."""
+        if self.smooth and is_smooth(a) and is_smooth(b):
+            return self.smooth.inner(a, b)
+        if (b, a) in self._inner:
+            return self._inner[b, a].T
         if (a, b) not in self._inner:
             self._inner[a, b] = self.of(a).T @ self.of(b)
         return self._inner[a, b]
-
-
-# Readings for each shared weight from which the weights are eliminated, and not the readings.
-_MANY = 2
 
 
 @dataclass(frozen=True, eq=False)
