@@ -11,7 +11,7 @@ import pytest
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.verdict.changes import Kind
 from fingermodel.diagnosis.verdict.corrections import Entries
-from fingermodel.diagnosis.verdict.instruments import fault_remedy
+from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.session import Session
 
 ONE_TARE = "one tare of each mount serves all its cases"
@@ -48,4 +48,4 @@ def test_a_fault_of_tares_is_held_against_readings_with_as_little_noise() -> Non
 
 @pytest.mark.parametrize("kind", get_args(Kind))
 def test_each_kind_of_fault_says_what_would_settle_it(kind: str) -> None:
-    assert fault_remedy(kind)
+    assert FAULT_REMEDY(kind)
