@@ -217,12 +217,25 @@ class Posterior:
         variance = weight @ ((grid.values[at] - mean) ** 2 + grid.within[at] ** 2) / weight.sum()
         return mean, float(np.sqrt(variance))
 
-    # Of tensions from case to case, relative; multiples of the stated budget and of the anatomy's widths; and of the
-    # noise (see `CaseErrors`): mean and standard deviation each.
-    scatter = property(lambda self: self.hyperparameter(SCATTER))
-    budget = property(lambda self: self.hyperparameter(BUDGET))
-    anatomy = property(lambda self: self.hyperparameter(ANATOMY))
-    noise = property(lambda self: self.hyperparameter(NOISE))
+    @property
+    def scatter(self) -> tuple[float, float]:
+        """Of the tensions from case to case, relative: mean and standard deviation."""
+        return self.hyperparameter(SCATTER)
+
+    @property
+    def budget(self) -> tuple[float, float]:
+        """Multiple of the stated budget: mean and standard deviation."""
+        return self.hyperparameter(BUDGET)
+
+    @property
+    def anatomy(self) -> tuple[float, float]:
+        """Multiple of the widths of the anatomy's priors: mean and standard deviation."""
+        return self.hyperparameter(ANATOMY)
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """How large noise is (see `CaseErrors`): mean and standard deviation."""
+        return self.hyperparameter(NOISE)
 
     @property
     def other_scatter(self) -> dict[str, tuple[float, float]]:

@@ -48,4 +48,4 @@ def test_a_fault_of_tares_is_held_against_readings_with_as_little_noise() -> Non
 
 @pytest.mark.parametrize("kind", get_args(Kind))
 def test_each_kind_of_fault_says_what_would_settle_it(kind: str) -> None:
-    assert FAULT_REMEDY(kind)
+    assert FAULT_REMEDY[kind]

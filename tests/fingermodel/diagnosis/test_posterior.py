@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
 from fingermodel.diagnosis.posterior.hyper import ACTING, ANATOMY, BUDGET, FORMS, GROUP, GROUPS, SMOOTH, Hyperparameters
 from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -90,24 +89,6 @@ def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum, s
     stacked = np.concatenate([columns * widths, np.eye(len(widths))])
     best = np.linalg.lstsq(stacked, right, rcond=None)[0]
     assert steep.misfit(node) == pytest.approx(float(((right - stacked @ best) ** 2).sum()), rel=1e-5)
-
-
-@pytest.mark.parametrize("width", [1.0, 2.0])
-def test_readings_and_weights_say_the_same(hanger: Optimum, width: float) -> None:
-    forms = [0] * len(hanger.form_errors)
-    axes = [
-        (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
-        (4, 1, 0, 0, 0, 2, 3, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0),
-        (4, 1, 1, 2, 2, 1, 0, 2, 2, 2, 2, 2, 2, 2, 0, 5, 3, 2, 5),
-    ]
-    nodes = [(*some, *forms) for some in axes]
-    covariance, right, of_noise = hanger.among_readings(nodes)
-    cut = hanger.session.model.parameters.one_sided[list(hanger.explanation.parameters)]
-    found = marginal_evidence(covariance, right, cut, width) + of_noise
-    for node, value in zip(nodes, found, strict=True):
-        freed = hanger.freed(node, width)
-        expected = freed.log_evidence + log_mass_apart(freed.mean, freed.covariance, cut)
-        assert value == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_misfit_is_that_of_the_dense_gaussian(nothing: Optimum) -> None:
