@@ -92,17 +92,17 @@ class Diagnosis:
 
         The likeliest first. Verdict and errors are of the others.
         """
-        apart = self._standing_apart.items()
+        apart = self.standing_apart.items()
         found = {case: (p * (slip.is_slip if slip else 1.0), slip) for case, (p, slip) in apart}
         return {case: (p, slip) for case, (p, slip) in sorted(found.items(), key=lambda e: -e[1][0]) if p >= 0.5}
 
     @property
     def outliers(self) -> tuple[int, ...]:
         """Cases that stand apart and are no suspects: noise with a long tail explains them."""
-        return tuple(sorted(self._standing_apart.keys() - self.suspects.keys()))
+        return tuple(sorted(self.standing_apart.keys() - self.suspects.keys()))
 
     @property
-    def _standing_apart(self) -> dict[int, tuple[float, Explained | None]]:
+    def standing_apart(self) -> dict[int, tuple[float, Explained | None]]:
         """Cases that are more probably apart from the rest than not, by a slip or by noise."""
         odds, slips = dict(self.searched.bad), dict(self.searched.slips)
         checked = self.checks.get(self.posterior.leader.explanation)
@@ -114,7 +114,7 @@ class Diagnosis:
 
     def comparison(self, fit: Optimum) -> Comparison:
         """Measured and predicted forces of a fit, cases that stand apart left out."""
-        apart = [self.session.observations.ids[c] for c in self._standing_apart]
+        apart = [self.session.observations.ids[c] for c in self.standing_apart]
         return self.comparisons[fit.explanation].without(apart)
 
     def theta_of(self, fit: Optimum) -> Floats:

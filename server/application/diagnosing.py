@@ -68,7 +68,8 @@ def frozen_documents(bench: Session, paths: list[Path] | None) -> list[dict[str,
 def confirmation(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]]) -> Confirmation | None:
     """Hold predictions frozen earlier against what has been measured since; None where there are none."""
     session, best = bench.measured.session.id, name_of(diagnosis.best)
-    scores = [score(document, best, session, bench.observations) for document in frozen]
+    held = bench.loaded.added
+    scores = [score(document, best, session, bench.observations, held) for document in frozen]
     told = [s for s in scores if s.confirmed is not None]
     return (told or scores)[-1] if scores else None
 

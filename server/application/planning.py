@@ -45,5 +45,6 @@ def frozen_plan(bench: Session, plan: Plan, readings_sha256: str | None) -> dict
     """
     if not plan.cases:
         raise ModelError("there is no load case to freeze", "a plan with at least one", plan.text)
-    session = bench.measured.session
-    return freeze(plan, session.id, session.specimen.id, bench.loaded.name, readings_sha256, bench.observations.ids)
+    session, loaded = bench.measured.session, bench.loaded
+    known = bench.observations.ids
+    return freeze(plan, session.id, session.specimen.id, loaded.name, readings_sha256, known, loaded.added)

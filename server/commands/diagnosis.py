@@ -174,8 +174,9 @@ def _print_where(where: dict[str, Any]) -> None:
     for label, key in (("muscle", "by_muscle"), ("posture", "by_posture"), ("mount", "by_location")):
         worst = sorted(where[key].items(), key=lambda item: -(item[1]["z_rms"] or 0.0))[:3]
         rows += [[label, name, e["cases"], e["rmse_N"], e["z_rms"]] for name, e in worst]
+    apart = f", without {', '.join(where['without'])}" if where["without"] else ""
     table(
-        "Where the model fails, after a refit with nothing added",
+        f"Where the model fails, after a refit with nothing added{apart}",
         ["by", "", "cases", "RMSE [N]", "z"],
         rows,
         "z: norm of the residual in standard uncertainties, root mean square over cases",

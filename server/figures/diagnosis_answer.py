@@ -86,9 +86,11 @@ def shortened(text: str, most: int) -> str:
 
 
 def after_which_fit(answer: Answer) -> str:
-    """Say after which fit the residuals under `where` are: `after a refit with nothing added`."""
-    added = [effect_name(n) for n in words(part(answer, "where").get("added"))]
-    return f"after a refit with {' + '.join(added) or 'nothing'} added"
+    """Say after which fit the residuals under `where` are: `after a refit with nothing added, without c010`."""
+    where = part(answer, "where")
+    added, apart = [effect_name(n) for n in words(where.get("added"))], words(where.get("without"))
+    without = f", without {', '.join(apart)}" if apart else ""
+    return f"after a refit with {' + '.join(added) or 'nothing'} added{without}"
 
 
 def muscles_of(row: Answer) -> str:

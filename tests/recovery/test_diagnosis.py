@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Mapping
 from functools import cache
@@ -15,7 +16,7 @@ from daq.errors import ModelError
 from daq.sessions import parse_session, read_session, write_session
 from daq.signals.corrections import measure
 from fingermodel.diagnosis.answer.addition import add_effects
-from fingermodel.diagnosis.answer.answer import answer
+from fingermodel.diagnosis.answer.answer import answer, nulls_beside
 from fingermodel.diagnosis.answer.ranking import parameters_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
@@ -241,10 +242,15 @@ def test_a_slip_in_one_case_is_the_first_suspect_and_the_finding_stands(tmp_path
     slipped = wrong.model_copy(update={"masses_g": {"EDC": 400.0}})
     cases = tuple(slipped if c.id == wrong.id else c for c in session.cases)
     write_session(session.model_copy(update={"cases": cases}), tmp_path)
-    body = answer(run_diagnosis(Session.open(tmp_path)))
+    run = run_diagnosis(Session.open(tmp_path))
+    body = answer(run)
     assert [s["case"] for s in body["suspects"]] == [wrong.id]
     assert body["suspects"][0]["probability"] > 0.9
     assert (body["verdict"], body["effects"]) == ("found", ["zero_offset"])
+    # Where the model fails is of the other cases; the tests without a model count all, and say so.
+    assert body["where"]["without"] == [wrong.id]
+    assert body["where"]["by_muscle"]["EDC"]["z_rms"] < 30.0
+    assert f"but for {wrong.id}" in nulls_beside(run, [])
 
 
 @pytest.fixture(scope="module")
@@ -283,6 +289,16 @@ def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Session, Diagnos
     draw_session(clean, 11, None, nuisance_scale=0.7)
     other = score(read_frozen(path), name_of(found.best), "later", Session.open(clean).observations)
     assert other.confirmed is not True
+    # What was frozen adds to a model without effects: under one that holds them the same name says something else.
+    assert score(document, name_of(found.best), "later", bench.observations, ("hanger_mass.m0",)).confirmed is None
+    # An explanation that contains the finding says nearly the same, and is no rival.
+    more = f"{name_of(found.best)} + worn_pulley.FDP"
+    with_more = copy.deepcopy(document)
+    with_more["explanations"][more] = 0.01
+    for case in with_more["cases"]:
+        case["predictions"][more] = case["predictions"][name_of(found.best)]
+    again = score(with_more, name_of(found.best), "later", bench.observations)
+    assert (again.confirmed, again.text) == (told.confirmed, told.text)
     path.write_text(path.read_text(encoding="utf-8").replace('"tip"', '"bone"'), encoding="utf-8")
     with pytest.raises(ModelError, match="changed after"):
         read_frozen(path)

@@ -11,7 +11,7 @@ import pytest
 from fingermodel.diagnosis.answer.answer import predictive
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.verdict.predictive import check, holding, most_evidence, predicted, together
+from fingermodel.diagnosis.verdict.predictive import check, holding, predicted, together
 from fingermodel.fitting.identification import drawn_starts, slopes_of
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
@@ -55,11 +55,6 @@ def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
     session = session_of(bench.model, replace(bench.observations, noise=bench.observations.noise.turned(turn)))
     assert not np.isin(session.rows, moments).any()
     assert np.isin(6 * held, session.rows[~session.fitted]).all()
-
-
-def test_validation_cases_say_no_more_for_an_explanation_than_if_it_predicted_them_exactly(found: Diagnosis) -> None:
-    most = most_evidence(found.posterior)
-    assert all(check(fit).log_evidence <= most for fit in found.posterior.fits.values())
 
 
 def test_the_chance_that_is_told_as_judged_is_the_one_that_the_verdict_is_held_against() -> None:

@@ -40,7 +40,10 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
     rows = len(nothing.residual)
     alone, added = misfits(d.stated, best if best.explanation.size else d.stated)
-    after_where = where(d.session.problem, d.theta_of(best)) | {"added": list(best.explanation.names)}
+    apart = {"without": [d.session.observations.ids[case] for case in d.standing_apart]}
+    fails = where(d.session.problem, d.refitted.theta, d.standing_apart) | apart | {"added": []}
+    fails_after = where(d.session.problem, d.theta_of(best), d.standing_apart) | apart
+    fails_after |= {"added": list(best.explanation.names)}
     return {
         "verdict": verdict.kind,
         "effects": list(verdict.effects),
@@ -53,8 +56,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
-        "where": where(d.session.problem, d.refitted.theta) | {"added": []},
-        "where_after": after_where,
+        "where": fails,
+        "where_after": fails_after,
         "hints": [h.as_dict() for h in d.hints],
         "curve": curve_answer(d.curves),
         "trend": d.trend.as_dict() if d.trend else None,
@@ -69,7 +72,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "amplitude_N": posterior.beyond_newton,
             "of_one_alone": {carrier: p for carrier, p in posterior.carriers.items() if p >= LIVE},
         },
-        **of_rig(d, [row["name"] for row in after_where["bent"]]),
+        **of_rig(d, [row["name"] for row in fails_after["bent"]]),
         "predictive_check": predictive(d),
         "size": effect_size(d) if verdict.kind == "found" else None,
         # Of all cases but suspects and outliers.
@@ -124,16 +127,19 @@ def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
     """
     if all(n.verdict != "violated" for n in d.nulls):
         return ""
-    first = "These tests hold readings against readings, and know of no effect."
+    apart = " and ".join(d.session.observations.ids[case] for case in list(d.suspects)[:3])
+    rest = f", but for {apart}" if apart else ""
+    first = "These tests hold readings of all cases against each other, and know of no effect."
     kind, names = d.verdict.kind, " and ".join(dict.fromkeys(n.split(".")[0] for n in held))
     if kind == "found":
         found = d.verdict.names
         explain = "explain" if len(found) > 1 else "explains"
-        return f"{first} What fails shows that something acts; {' and '.join(found)} {explain} it."
+        return f"{first} What fails shows that something acts; {' and '.join(found)} {explain} it{rest}."
     if kind != "nothing_missing":
         return f"{first} What fails shows that something acts, not what."
     if names:
-        return f"{first} What fails is the work of {names}, which the model holds: with it nothing is left to explain."
+        left = f"with it nothing is left to explain{rest}"
+        return f"{first} What fails is the work of {names}, which the model holds: {left}."
     return (
         f"{first} They allow for noise and budget alone; with scatter of the tensions and something smooth the model "
         "explains the same readings, so what fails is no finding by itself."

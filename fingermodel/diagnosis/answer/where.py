@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,13 @@ BENT = 2.0
 _UNREAD_NMM = 50.0
 
 
-def where(problem: Problem, theta: Floats) -> dict[str, Any]:
+def where(problem: Problem, theta: Floats, apart: Collection[int] = ()) -> dict[str, Any]:
     """Group the identification cases' residuals after a fit, each as a comparison of that fit has it.
 
     Args:
         problem: whose readings count.
         theta: (parameters,) of the fit.
+        apart: cases that do not count, by their indices.
 
     Returns:
         `by_muscle`, `by_posture`, `by_location`, `by_load_level`, `cells` (muscle × posture × mount), each with RMSE
@@ -34,7 +35,7 @@ def where(problem: Problem, theta: Floats) -> dict[str, Any]:
     """
     observations, plane = problem.observations, problem.model.finger.judged_in
     compared = {c.id: c for c in compare(problem.model, observations, theta).cases}
-    used = [i for i in np.unique(problem.rows // 6) if observations.roles[i] == "identification"]
+    used = [i for i in np.unique(problem.rows // 6) if observations.roles[i] == "identification" and i not in apart]
 
     def summary(cases: Sequence[int]) -> dict[str, Any]:
         rows = [compared[observations.ids[i]] for i in cases]

@@ -21,7 +21,7 @@ from daq.documents import unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.comparison.observations import Observations
-from fingermodel.diagnosis.next_cases.next_cases import Plan
+from fingermodel.diagnosis.next_cases.next_cases import BOTH, Plan
 
 FORMAT = "fingertwin-frozen/1"
 # A prediction holds unless noise would be further away once in a hundred times …
@@ -40,7 +40,13 @@ class Confirmation:
 
 
 def freeze(
-    plan: Plan, session: str, specimen: str, model: str, readings_sha256: str | None, known: Sequence[str]
+    plan: Plan,
+    session: str,
+    specimen: str,
+    model: str,
+    readings_sha256: str | None,
+    known: Sequence[str],
+    held: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Write down what each live explanation predicts for the planned cases.
 
@@ -51,6 +57,7 @@ def freeze(
         model: id of the revision or finger.
         readings_sha256: of the readings that the plan rests on.
         known: ids of the cases measured already.
+        held: parameters of effects that the model holds; the explanations add to them.
     """
     body: dict[str, Any] = {
         "format": FORMAT,
@@ -58,6 +65,7 @@ def freeze(
         "session": session,
         "specimen": specimen,
         "model": model,
+        "held": list(held),
         "readings_sha256": readings_sha256,
         "known_cases": list(known),
         "explanations": plan.explanations,
@@ -109,15 +117,22 @@ def read_frozen(path: Path) -> dict[str, Any]:
     return document
 
 
-def score(document: Mapping[str, Any], finding: str, session: str, observations: Observations) -> Confirmation:
+def score(
+    document: Mapping[str, Any], finding: str, session: str, observations: Observations, held: Sequence[str] = ()
+) -> Confirmation:
     """Hold frozen predictions against cases measured since.
+
+    A finding is held against what goes without it: with something more it predicts nearly the same.
 
     Args:
         document: of `read_frozen`.
         finding: name of the explanation that is to be confirmed.
         session: id of the session measured.
         observations: of that session.
+        held: parameters of effects that the model holds in which it was found.
     """
+    if set(held) != set(document.get("held", ())):
+        return Confirmation(None, f"what was frozen adds to {document['model']}, which holds other effects", ())
     if finding not in document["explanations"]:
         return Confirmation(None, f"nothing was frozen for {finding}", ())
     known = set(document["known_cases"]) if document["session"] == session else set()
@@ -142,7 +157,10 @@ def score(document: Mapping[str, Any], finding: str, session: str, observations:
     if not used:
         return Confirmation(None, "no frozen case has been measured yet", ())
     holds = float(chdtrc(freedom, distance)) >= HOLDS
-    rival = max((n for n in logs if n != finding), key=lambda n: logs[n])
+    without = [n for n in logs if not set(finding.split(BOTH)) <= set(n.split(BOTH))]
+    if not without:
+        return Confirmation(None, f"nothing was frozen without {finding}", tuple(used))
+    rival = max(without, key=lambda n: logs[n])
     ratio = logs[finding] - logs[rival]
     when = document["frozen_utc"]
     if holds and ratio >= np.log(CLEAR_RATIO):

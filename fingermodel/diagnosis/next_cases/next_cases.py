@@ -29,6 +29,8 @@ from fingermodel.stages import LoadCaseInput
 
 DRAWS = 48
 OFFERED = 5
+# Between the names of effects that act together.
+BOTH = " + "
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class Plan:
 
 def name_of(fit: Optimum) -> str:
     """`hanger_mass + bowstringing`, or `nothing missing`."""
-    return " + ".join(fit.explanation.names) or "nothing missing"
+    return BOTH.join(fit.explanation.names) or "nothing missing"
 
 
 def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Optimum, float]]:
