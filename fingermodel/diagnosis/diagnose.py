@@ -17,7 +17,7 @@ from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import BUDGET
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases
+from fingermodel.diagnosis.search.bad_cases import BadCases, unlike_sound
 from fingermodel.diagnosis.search.beginning import Beginner
 from fingermodel.diagnosis.search.search import Searched, search, unsearched
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
@@ -45,6 +45,7 @@ from fingermodel.diagnosis.verdict.verdict import (
     likeliest,
     stated_node,
     sure_names,
+    with_unlike,
 )
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
@@ -93,13 +94,18 @@ class Diagnosis:
         The likeliest first. Verdict and errors are of the others.
         """
         apart = self.standing_apart.items()
-        found = {case: (p * (slip.is_slip if slip else 1.0), slip) for case, (p, slip) in apart}
+        found = {c: (p * (slip.is_slip if slip else 1.0), slip) for c, (p, slip) in apart if c not in self.unlike}
         return {case: (p, slip) for case, (p, slip) in sorted(found.items(), key=lambda e: -e[1][0]) if p >= 0.5}
 
     @property
     def outliers(self) -> tuple[int, ...]:
         """Cases that stand apart and are no suspects: noise with a long tail explains them."""
-        return tuple(sorted(self.standing_apart.keys() - self.suspects.keys()))
+        return tuple(sorted(self.standing_apart.keys() - self.suspects.keys() - set(self.unlike)))
+
+    @property
+    def unlike(self) -> tuple[int, ...]:
+        """Fitted cases that stand apart, and of which all those alike do: something may act in these alone."""
+        return unlike_sound(self.session, self.searched.slips)
 
     @property
     def standing_apart(self) -> dict[int, tuple[float, Explained | None]]:
@@ -178,7 +184,9 @@ def diagnose(
     # What is in no catalogue may be what rigs are known to do.
     trend = trend_of(posterior.leader if verdict.kind == "none_of_catalogue" else added)
     if trend:
-        verdict = doubted(verdict, added, trend.size_N, trend.sentence)
+        verdict = doubted(verdict, added, trend)
+    if unlike := unlike_sound(session, searched.slips):
+        verdict = with_unlike(verdict, [observations.ids[case] for case in unlike])
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()

@@ -15,7 +15,7 @@ from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.curves import curve_answer
 from fingermodel.diagnosis.session_model.slip_odds import Explained
-from fingermodel.diagnosis.settings import LIVE, SURE
+from fingermodel.diagnosis.settings import LIVE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits
@@ -115,7 +115,14 @@ def meaning(d: Diagnosis) -> str:
     single |= {f"{name} acts": p for name, p in d.posterior.inclusion.items()}
     single |= {kinds["found"]: d.posterior.of_names(d.verdict.names)} if several else {}
     likeliest = min(single, key=lambda words: abs(single[words] - d.verdict.probability))
-    return f"{likeliest} (the likeliest single statement)"
+    # Of what refutes it the posterior knows nothing.
+    p_value = predictive(d)["p_value_after"]
+    others = " of the other cases" if d.unlike else ""
+    refuted = p_value is not None and p_value < P_VALUE
+    of = (
+        " of the session as it was entered" if d.faults else " of the fitted cases by themselves" if refuted else others
+    )
+    return f"{likeliest} (the likeliest single statement{of})"
 
 
 def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:

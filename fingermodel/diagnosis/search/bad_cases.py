@@ -13,8 +13,9 @@ from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.beginning import Beginner, Beginning, Slipped, bad_in
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, chance_of
+from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
-from fingermodel.diagnosis.settings import P_VALUE
+from fingermodel.diagnosis.settings import P_UNLIKE, P_VALUE
 
 
 class BadCases:
@@ -131,6 +132,23 @@ class BadCases:
             partners |= {c: e.partner for c, e in slips.items()}
             least = {c: o for c, o in least.items() if o >= 0.0}
         return {c: (o, partners.get(c)) for c, o in least.items()}
+
+
+def unlike_sound(session: Session, slips: Mapping[int, Explained]) -> tuple[int, ...]:
+    """Cases taken for bad that no slip explains, and no sound fitted case is like: something may act there alone.
+
+    Alike are cases at one mount in which the same tendons are loaded together.
+
+    Args:
+        session: whose cases.
+        slips: of each case taken for bad.
+    """
+    fitted, out = np.unique(session.rows[session.fitted] // 6).tolist(), list[int]()
+    for of_set in np.unique(session.load_sets[list(slips)]) if slips else ():
+        alike = [case for case in fitted if session.load_sets[case] == of_set]
+        if set(alike) <= slips.keys() and sum(LOG_PRIOR_ODDS + slips[c].gain for c in alike) < np.log(P_UNLIKE):
+            out += alike
+    return tuple(out)
 
 
 def _asked(fit: Optimum, bad: frozenset[int], leader: float) -> Iterator[tuple[Node, float, dict[int, Apart]]]:

@@ -17,7 +17,7 @@ from fingermodel.diagnosis.posterior.curves import Said, gain
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.group_errors import waves
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import P_VALUE, TREND
+from fingermodel.diagnosis.settings import ALIKE, P_VALUE, TREND
 
 # Information of a weight, and share of a column's, that is rounding.
 _LEAST = 1e-6
@@ -56,6 +56,7 @@ class Trend:
     size_N: float  # RMS of what it changes in the fitted force components
     unit: str  # of the course
     course: tuple[float, ...]
+    of_found: bool  # whether it changes what the explanation's effects change, off throughout
 
     @property
     def words(self) -> str:
@@ -106,7 +107,14 @@ def trend_of(fit: Optimum) -> Trend | None:
     change = np.zeros((len(session.observations.ids), 6))
     change.reshape(-1)[session.rows] = one.columns[:, 1:] @ weights
     course = tuple((one.course @ weights).tolist())
-    return Trend(one.what, one.along, p_value, log_evidence, fit.size_newton(change), one.unit, course)
+    found = np.sum(fit.changes, axis=0).reshape(-1)[session.rows] if fit.changes else np.zeros(len(session.rows))
+    of_found = _cosine(found[session.fitted], one.columns[session.fitted, 0]) >= ALIKE
+    return Trend(one.what, one.along, p_value, log_evidence, fit.size_newton(change), one.unit, course, of_found)
+
+
+def _cosine(a: Floats, b: Floats) -> float:
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return abs(float(a @ b)) / size if size > 0.0 else 0.0
 
 
 def _tested(information: Floats, score: Floats) -> tuple[float, float, Floats]:

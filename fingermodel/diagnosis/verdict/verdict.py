@@ -14,8 +14,9 @@ from fingermodel.diagnosis.posterior.marginals import Posterior, summed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_CASES, NOTHING_SURE, OF_GROUP, P_VALUE, SURE
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, FORM_NAMED, LEAST_CASES, NOTHING_SURE, OF_GROUP, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
+from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.fitting.reading_errors import OTHER_SCATTER, other_scatter
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
@@ -67,30 +68,52 @@ def judge(
     if cases < LEAST_CASES:
         short = f"{cases} identification cases are too few to decide anything (at least {LEAST_CASES})"
         return verdict.lacking(short)
-    if p_value is not None and p_value < P_VALUE and verdict.kind in ("found", "nothing_missing", "one_of"):
+    if p_value is not None and p_value < P_VALUE and verdict.kind != "none_of_catalogue":
         what = words(checked) or "the model without any effect"
         short = (
             f"the validation cases are not as {what} predicts them (predictive check: p = {p_value:.1g}"
             f"{f', most of all {words(missed[:3])}' if missed else ''}); "
             "something acts there that the fitted cases do not show"
         )
-        return (verdict if verdict.names else replace(verdict, reasons=())).lacking(short)
+        told = verdict if verdict.names else replace(verdict, reasons=())
+        return replace(told.lacking(short), short=(*verdict.short, short))
     return verdict
 
 
-def doubted(verdict: Verdict, fit: Optimum, size_N: float, what: str) -> Verdict:
-    """The verdict where what is left is no scatter: of no more weight than what is found, it leaves that as it is.
+def with_unlike(verdict: Verdict, cases: Sequence[str]) -> Verdict:
+    """The verdict where cases stand apart that no slip explains, and that no other fitted case is like.
+
+    Args:
+        verdict: without them.
+        cases: their ids.
+    """
+    them = "them" if len(cases) > 1 else "it"
+    what = (
+        f"no slip explains the readings of {words(cases)}, and no other fitted case loads the same tendons at the same "
+        f"mount: something may act there alone; measure {them} again, and more like {them}"
+    )
+    if verdict.kind == "nothing_missing":
+        return replace(verdict, reasons=()).lacking(what)
+    return replace(verdict, reasons=(*verdict.reasons, f"N{what[1:]}."))
+
+
+def doubted(verdict: Verdict, fit: Optimum, trend: Trend) -> Verdict:
+    """The verdict where what is left goes with time or load: where that is less than what is found, it stands.
+
+    Where it is of the same quantity, the law itself changes, and by more than a tenth it is another one.
 
     Args:
         verdict: without it.
         fit: what the verdict would add.
-        size_N: RMS of what is left.
-        what: is said of it.
+        trend: of what that leaves.
     """
-    smaller = verdict.kind == "found" and size_N < fit.size_newton(np.sum(fit.changes, axis=0))
-    if smaller or verdict.kind not in ("found", "nothing_missing", "one_of"):
+    if verdict.kind not in ("found", "nothing_missing", "one_of"):
         return verdict
-    return verdict.lacking(what)
+    if verdict.kind == "found":
+        size = fit.size_newton(np.sum(fit.changes, axis=0))
+        if trend.size_N < (FORM_NAMED * size if trend.of_found else size):
+            return verdict
+    return verdict.lacking(trend.sentence)
 
 
 def likeliest(posterior: Posterior) -> tuple[str, ...]:
