@@ -123,6 +123,8 @@ class MeasuredSession:
         estimated_tension: the same with its uncertainty, where it was estimated from the cases; None where stated.
         notes: what the reader of the results should know, such as converted units.
         creep: share of its force by which a loaded reading usually changes within its window; 0 where that is noise.
+        tension_case_sd: scatter of tensions from case to case, relative, where the budget leaves that to the session's
+            own forces; 0 where it does not, or these do not tell.
     """
 
     session: Session
@@ -134,6 +136,7 @@ class MeasuredSession:
     tension_factor_source: str
     notes: tuple[str, ...]
     creep: float = 0.0
+    tension_case_sd: float = 0.0
     estimated_tension: EstimatedTension | None = None
 
     @property
