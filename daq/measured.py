@@ -125,6 +125,8 @@ class MeasuredSession:
         notes: what the reader of the results should know, such as converted units.
         creep: share of its force by which a loaded reading usually changes within its window; 0 where that is noise.
         dead_forces: the cell's force channels that never change, in any window.
+        tension_case_sd: scatter of tensions from case to case, relative, where the budget leaves that to the session's
+            own forces; 0 where it does not, or these do not tell.
     """
 
     session: Session
@@ -136,6 +138,7 @@ class MeasuredSession:
     tension_factor_source: str
     notes: tuple[str, ...]
     creep: float = 0.0
+    tension_case_sd: float = 0.0
     estimated_tension: EstimatedTension | None = None
     dead_forces: tuple[str, ...] = ()
 

@@ -1,7 +1,7 @@
 """The small instrument and posture errors that every rig has: always free in a fit, never a discovery.
 
-Priors come from a named budget (certificates of a calibrated cell; the scatter of the published study) or from the
-session. Each error is an effect like any other, acting at its stage.
+Priors come from a named budget (certificates of a calibrated cell; the scatter of the published study, or of the
+session's own forces) or from the session. Each error is an effect like any other, acting at its stage.
 """
 
 from __future__ import annotations
@@ -81,14 +81,17 @@ SYNEK2019 = Budget(
     tendon_point_sd_mm=(("DIP", 0.8), ("PIP", 0.8), ("MCP", 2.6)),
     reading_sd_N=0.08,
 )
-BUDGETS = {b.name: b for b in (CERTIFICATE, SYNEK2019)}
+# The certificate's, but for the scatter from case to case, which the session's own forces tell.
+ESTIMATE = replace(CERTIFICATE, name="estimate")
+BUDGETS = {b.name: b for b in (CERTIFICATE, SYNEK2019, ESTIMATE)}
 
 
-def budget_of(setting: str | Mapping[str, Any] | None) -> Budget:
+def budget_of(setting: str | Mapping[str, Any] | None, case_sd: float = 0.0) -> Budget:
     """Return a session's budget: named, spelled out, or by default `certificate`.
 
     Args:
         setting: the session's `budget`.
+        case_sd: scatter of tensions from case to case by its own forces, of which `estimate` makes use.
 
     Raises:
         ModelError: a name or key that does not exist, or a negative size.
@@ -98,10 +101,11 @@ def budget_of(setting: str | Mapping[str, Any] | None) -> Budget:
     if isinstance(setting, str):
         if setting not in BUDGETS:
             raise ModelError(f"budget {setting!r} is not known", f"one of {', '.join(BUDGETS)}, or its values")
-        return BUDGETS[setting]
+        named = BUDGETS[setting]
+        return replace(named, tension_factor_case_sd=case_sd) if named is ESTIMATE else named
     known = {f.name for f in fields(Budget)} - {"name"}
     values: dict[str, Any] = {}
-    base = budget_of(str(setting.get("base", "certificate")))
+    base = budget_of(str(setting.get("base", "certificate")), case_sd)
     for key, value in setting.items():
         if key == "base":
             continue

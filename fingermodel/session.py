@@ -111,7 +111,9 @@ class Session:
 
         session = measured.session
         # Readings that change within their windows have as far to go; a factor that was estimated is off a little.
-        budget = budget_of(session.budget).with_tension_sd(measured.creep, measured.tension_factor_rel_sd)
+        budget = budget_of(session.budget, measured.tension_case_sd).with_tension_sd(
+            measured.creep, measured.tension_factor_rel_sd
+        )
         held = held_effects(effects) if catalogue or effects else ()
         loaded = load_model(
             model, session.id, session.finger, session.folder, layout_of(measured), budget, held, measured

@@ -71,7 +71,7 @@ def balances(measured: MeasuredSession) -> tuple[list[Balance], list[str]]:
     for i, m in enumerate(measured.cases):
         masses = tuple(sorted((k, v) for k, v in m.case.masses_g.items() if v > 0.0))
         if masses:
-            key = (m.case.posture, masses, _direction(m.case))
+            key = (m.case.posture, masses, direction_of(m.case))
             groups.setdefault(key, {"tip": [], "bone": []})[m.case.location].append(i)
     found, alone = [], []
     for (posture, masses, direction), at in groups.items():
@@ -122,7 +122,8 @@ def _about_z(angle_rad: float) -> Floats:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _direction(case: LoadCase) -> str:
+def direction_of(case: LoadCase) -> str:
+    """How a load came to hang: loading, unloading or tapped."""
     return "tapped" if (case.note or "").startswith(TAPPED) else case.direction
 
 

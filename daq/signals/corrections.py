@@ -21,6 +21,7 @@ from daq.sessions.models import KnownWeight, LoadCase, Session, TensionEstimate
 from daq.sessions.mountings import mounting_of
 from daq.signals.calibration import MountTransform, mount_transform
 from daq.signals.tension_estimate import estimated_tension
+from daq.signals.tension_scatter import is_asked, tension_scatter
 
 Floats = NDArray[np.float64]
 
@@ -134,7 +135,12 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
         creep=_creep(measured, transforms),
         dead_forces=tuple(name for name, is_dead in zip(HEADERS[1:4], dead[:3], strict=True) if is_dead),
     )
-    return _with_estimate(out) if isinstance(stated, TensionEstimate) else out
+    if isinstance(stated, TensionEstimate):
+        out = _with_estimate(out)
+    if is_asked(session.budget):
+        scatter, said = tension_scatter(out)
+        out = replace(out, tension_case_sd=scatter, notes=(*notes, said))
+    return out
 
 
 def _creep(measured: list[MeasuredCase], transforms: Mapping[str, MountTransform]) -> float:

@@ -113,6 +113,12 @@ def test_a_budget_that_is_unknown_or_negative(tmp_path: Path, budget: Any, said:
     refused("compare", session, saying=said)
 
 
+def test_an_estimated_budget_says_what_it_rests_on(tmp_path: Path) -> None:
+    body = run("compare", altered(tmp_path, keys(budget="estimate")), "--json", "-").body("compare")
+    assert body["budget"] == "estimate"
+    assert any(n.startswith("budget estimated: ") for n in body["notes"])
+
+
 @pytest.mark.parametrize(
     "edit",
     [
