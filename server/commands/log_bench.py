@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,7 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
 
     Raises:
         InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed.
+        KeyboardInterrupt: it broke off before the session was closed; nothing is written, so that it can go on.
     """
     setup, out = bench_setup(options, cell), options.out
     if out is None:
@@ -70,13 +72,14 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
     if before is not None and before.record.closed:
         with JournalReader.open(out / JOURNAL) as journal:
             stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
-        closed.path = out / JOURNAL
+        closed.path, left = out / JOURNAL, ""
     else:
-        stream, session = _follow(options, setup, acquisition, closed, about, before, by_keys=at_terminal(json))
+        stream, session, left = _follow(options, setup, acquisition, closed, about, before, by_keys=at_terminal(json))
     body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
-        where = quoted(out)
-        say(f"{len(session.cases)} load cases: {out}   (fingertwin check {where}, fingertwin compare {where})")
+        where, count = quoted(out), len(session.cases)
+        done = f"{count} load case{'s' * (count != 1)}{left}"
+        say(f"{done}: {out}   (fingertwin check {where}, fingertwin compare {where})")
 
 
 def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
@@ -117,8 +120,8 @@ def _follow(
     before: BrokenOff | None,
     *,
     by_keys: bool,
-) -> tuple[str, Session]:
-    """Log until the session is over; return its stream and the session that was written."""
+) -> tuple[str, Session, str]:
+    """Log until the session is over; return its stream, the session that was written, and what is not done in words."""
     out, cell = options.out or Path(), acquisition.cell
     predict = predictor(setup, options.model)
     run: BenchRun | None = None
@@ -138,10 +141,21 @@ def _follow(
             # As after a pulled cable: what the bytes before were the beginning of never came.
             journal.event(Event("reconnected", from_s, {"away_s": round(from_s - before.last_s, 3)}, stream))
         meter = StreamMeter(run.full_scale)
-        with forwarding(options.to, options.session_name, journal, stream, acquisition, say) as tail:
-            remote = None if tail is None else Remote(tail, run)
-            _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
-        return stream, write_bench_session(journal, out, stream)
+        try:
+            with forwarding(options.to, options.session_name, journal, stream, acquisition, say) as tail:
+                remote = None if tail is None else Remote(tail, run)
+                _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
+        except KeyboardInterrupt:
+            with suppress(OSError):  # the terminal may be gone
+                say(f"{_not_done(run)}; the same command with --resume goes on.")
+            raise
+        left = "" if run.record.closed else f", {_not_done(run)}"
+        return stream, write_bench_session(journal, out, stream), left
+
+
+def _not_done(run: BenchRun) -> str:
+    states = [state for _, _, state in run.status().checklist]
+    return f"{len(states) - states.count('done')} of {len(states)} steps not done"
 
 
 def _loop(
