@@ -193,11 +193,11 @@ def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:
     load_cell: dict[str, Any] = dict(given.get("load_cell") or {}) | options.cell
     if cell.rate_hz is not None:
         load_cell.setdefault("rate_hz", cell.rate_hz)
-    out = options.out or Path()
     rest = {k: v for k, v in given.items() if k not in ("format", "id", "load_cell")}
     return BenchSetup(
         finger_document=own_finger(str(given["finger"])),
-        id=str(given.get("id") or out.resolve().name),
+        # By its folder, not by the setup: that is written once for a specimen and serves several days.
+        id=options.session_name,
         load_cell=load_cell,
         protocol=read_protocol(options.protocol, options.setup.parent),
         protocol_name=options.protocol,

@@ -36,7 +36,7 @@ PROTOCOL = {
 }  # fmt: skip
 SETUP = {
     "format": "bench-setup/1",
-    "id": "monday",
+    "id": "P1-rig",
     "specimen": {"id": "P1", "species": "human", "digit": "third", "side": "right"},
     "finger": "an1979_middle",
     "load_cell": {"model": "Robotiq FT300", "serial": "FT1", "calibration": "C1"},
@@ -132,7 +132,8 @@ def test_a_killed_bench_goes_on_where_it_stopped(
         assert (code, text, err.count("\n")) == (2, "", 1)
         assert said in err
 
-    refused("holds session monday, which is not finished; expected --resume to go on with it", *bench)
+    # Of one setup several days are made: each is called as its folder.
+    refused("holds session out, which is not finished; expected --resume to go on with it", *bench)
     Path("other.yaml").write_text(yaml.safe_dump(SETUP | {"tension_factor": 0.9}))
     Path("levels.yaml").write_text(yaml.safe_dump(PROTOCOL | {"timing": PROTOCOL["timing"] | {"load_s": 1.0}}))  # type: ignore[operator]
     changed = {"setup.yaml": "tension_factor is 0.9; expected 0.835", "small.yaml": "protocol small is not that of"}
@@ -159,6 +160,7 @@ def test_a_killed_bench_goes_on_where_it_stopped(
     code, text, _ = run(capsys, monkeypatch, "check", "out")
     assert (code, "usable" in text) == (0, True)
     session = read_session("out")
+    assert session.id == "out"
     assert {c.id: c.repeat_of for c in session.cases} == {
         "c001": None, "c001r1": "c001", "c002": None, "c003": "c001", "c004": None,
     }  # fmt: skip
