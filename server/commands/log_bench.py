@@ -15,7 +15,7 @@ from daq.errors import InputError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
 from daq.quoting import quoted
-from daq.sessions import own_finger, read_yaml
+from daq.sessions import JOURNAL_FILE, own_finger, read_yaml
 from daq.sessions.protocols import read_protocol
 from server.application.bench_prediction import predictor
 from server.bench.keys import KeyInput, terminal_keys, typed_lines
@@ -25,7 +25,7 @@ from server.bench.remote import Remote, joined
 from server.bench.view import LineView, LiveView
 from server.commands.console import answer, at_terminal, progress, say
 from server.commands.forwarding import forwarding
-from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
+from server.commands.log_parts import LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
     from daq.acquisition.acquire import Acquisition
@@ -70,9 +70,9 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
         told = {"driver": cell.name, "settings": dict(cell.values), "cell": about, "clock": cell.clock}
         before.require_same(setup, told)
     if before is not None and before.record.closed:
-        with JournalReader.open(out / JOURNAL) as journal:
+        with JournalReader.open(out / JOURNAL_FILE) as journal:
             stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
-        closed.path, left = out / JOURNAL, ""
+        closed.path, left = out / JOURNAL_FILE, ""
     else:
         stream, session, left = _follow(options, setup, acquisition, closed, about, before, by_keys=at_terminal(json))
     body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
@@ -89,8 +89,8 @@ def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
         SessionError: there is one and nobody asked for it, or the other way round.
     """
     found: BrokenOff | None = None
-    if (out / JOURNAL).exists():
-        with JournalReader.open(out / JOURNAL) as journal:
+    if (out / JOURNAL_FILE).exists():
+        with JournalReader.open(out / JOURNAL_FILE) as journal:
             found = broken_off(journal)
     # Closed without a case it left nothing to be written.
     if found is None or (found.record.closed and not found.record.cases):
@@ -127,7 +127,7 @@ def _follow(
     run: BenchRun | None = None
     from_s = 0.0
     if before is not None:
-        with JournalReader.open(out / JOURNAL) as kept, progress("Reading"):
+        with JournalReader.open(out / JOURNAL_FILE) as kept, progress("Reading"):
             plateaus = before.plateaus(kept)
         run, from_s = BenchRun(before.record.setup, predict, before.stream.id), before.from_s()
         run.resume(before.events, plateaus, before.last_s, from_s)
