@@ -268,26 +268,6 @@ def test_a_session_is_begun_once_and_a_deleted_one_keeps_its_id(fresh: ServiceRe
     assert "deleted" in gone.json()["detail"]
 
 
-def test_a_replay_that_broke_off_is_made_whole_by_the_next(service: ServiceReceiver, fresh: ServiceReceiver) -> None:
-    client, document = fresh.client(), document_of(RECORDED)
-    chunks = list(chunks_of(RECORDED))
-    # Readings alone, as of a journal, and not all of them.
-    client.post(AT, json={"id": RECORDED}).raise_for_status()
-    describe(client, RECORDED)
-    for chunk in chunks[: len(chunks) // 2]:
-        put(client, RECORDED, chunk).raise_for_status()
-    assert client.get(f"{AT}/{RECORDED}/comparison").status_code in (409, 422)
-    again = client.post(AT, json={"id": RECORDED, "document": document})
-    assert (again.status_code, again.json()["source"]) == (200, "document")
-    describe(client, RECORDED, "b" * 32)
-    for chunk in chunks:
-        put(client, RECORDED, chunk, "b" * 32).raise_for_status()
-    answer, whole = (c.get(f"{AT}/{RECORDED}/comparison").json() for c in (client, service.client()))
-    assert answer["cases"] == whole["cases"]
-    assert answer["waiting"] == answer["failed"] == {}
-    assert client.post(AT, json={"id": RECORDED, "document": document | {"gravity_m_s2": 9.8}}).status_code == 409
-
-
 def test_a_deleted_session_is_brought_back_by_its_own_document_until_it_is_purged(fresh: ServiceReceiver) -> None:
     client = fresh.client()
     sent: dict[str, Any] = {"id": "S1", "document": small()}
