@@ -66,8 +66,8 @@ class BrokenOff:
         was = _plain(began.as_value()) | {k: _plain(getattr(self.stream, k)) for k in stream}
         now = _plain(setup.as_value()) | _plain(stream)
         for key in sorted(set(was) | set(now)):
-            # How the protocol was named does not matter where it is the same.
-            if was.get(key) != now.get(key) and key != "protocol_name":
+            # How the protocol was named does not matter where it is the same, nor how the session would be called now.
+            if was.get(key) != now.get(key) and key not in ("protocol_name", "id"):
                 name, old, new = _difference(key, was.get(key), now.get(key))
                 raise SessionError(f"{name} is {new}", f"{old}, as session {began.id} began", remedy)
 

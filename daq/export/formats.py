@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from daq.errors import InputError, ReadingsError
 from daq.export.tables import CELL_FRAME, describe_columns, sha256_of, software
 from daq.files import replacing
+from daq.recordings.gaps import EVEN
 from daq.recordings.readings import HEADERS, ReadingBlock, open_readings
 from daq.sessions.models import Session
 from daq.signals.corrections import windows_of
@@ -103,7 +104,8 @@ def write_mat(session: Session, columns: Columns, file: Path, about: Mapping[str
 def write_c3d(session: Session, file: Path) -> None:
     """Write the readings as six analog channels [N, N mm] in the cell's axes, and windows and events as C3D events.
 
-    C3D counts its time from the first reading and keeps single precision; the group FINGERTWIN tells the time of the
+    C3D counts its time in readings from the first one on, so windows and events stand at the readings that they stood
+    at, also where a clock wandered. It keeps single precision; the group FINGERTWIN tells the time of the
     first reading and the number of readings. Status flags have no place in it. Beyond 65,535 readings several share a
     frame, and the last frame is filled up with NaN.
 
@@ -141,7 +143,7 @@ def write_c3d(session: Session, file: Path) -> None:
         out.add_parameter("FINGERTWIN", name, [value])
     out.add_parameter("FINGERTWIN", "START_S", [start_s])
     out.add_parameter("FINGERTWIN", "READINGS", [count])
-    for i, group in enumerate(_event_groups(session, start_s)):
+    for i, group in enumerate(_event_groups(session, block.t_s, rate_hz)):
         suffix = "" if i == 0 else str(i + 1)
         times = np.array([t for t, _ in group])
         out.add_parameter("EVENT", f"USED{suffix}", [len(group)])
@@ -266,6 +268,8 @@ def _all_readings(path: Path) -> ReadingBlock:
 def _even_rate_hz(t_s: NDArray[np.float64], session: Session, file: str) -> float:
     """Return the rate [Hz] at which every reading lies within half a step of its place in an even row.
 
+    A clock that wanders slowly takes a long recording out of any such row; its readings are even all the same.
+
     Raises:
         ReadingsError: there is none, and the channels would tell times that are not those of the readings.
     """
@@ -277,6 +281,8 @@ def _even_rate_hz(t_s: NDArray[np.float64], session: Session, file: str) -> floa
         if rate_hz is not None and np.abs((t_s - t_s[0]) * rate_hz - np.arange(len(t_s))).max() < 0.5:
             return float(rate_hz)
     steps = np.diff(t_s)
+    if np.abs(steps * mean - 1.0).max() <= EVEN:
+        return mean
     worst = int(np.argmax(np.abs(steps - np.median(steps))))
     raise ReadingsError(
         f"{file} is not evenly sampled: {steps[worst]:.4g} s pass after t = {t_s[worst]:.4f} s, "
@@ -294,14 +300,17 @@ def _frame_rate_hz(rate_hz: float, shared: int) -> float:
     return float(frames_hz)
 
 
-def _event_groups(session: Session, start_s: float) -> list[list[tuple[float, str]]]:
+def _event_groups(session: Session, t_s: NDArray[np.float64], rate_hz: float) -> list[list[tuple[float, str]]]:
     """Return times [s] after the first reading with labels, in order, in groups of as many as C3D holds together."""
+    after_s = t_s - t_s[0]
+    moved_s = np.arange(len(t_s)) / rate_hz - after_s
     events = [(e.t_s, e.kind) for e in session.events]
     for span, name in windows_of(session).items():
         label = name.removeprefix("case ").replace(":", "").removesuffix("_s")
         events += [(span[0], f"{label} start"), (span[1], f"{label} end")]
     # A time before the first reading has no place in the format.
-    found = sorted((t - start_s, label) for t, label in events if t >= start_s)
+    kept = [(t - t_s[0], label) for t, label in events if t >= t_s[0]]
+    found = sorted((float(t + np.interp(t, after_s, moved_s)), label) for t, label in kept)
     widest = max((len(label.encode()) for _, label in found), default=0)
     if widest > C3D_ENTRIES or len(found) * (widest + len("General") + 8) > C3D_EVENT_BYTES:
         raise InputError(

@@ -95,11 +95,23 @@ def exchanged(session: Session, case: str, other: str, why: str, by: str | None 
     pair = ((case, b, other), (other, a, case))
     first, second = (
         Amendment(
-            case=one, masses_g=dict(to.masses_g), posture=to.posture, why=f"exchanged with {of}: {why}", at=at, by=by
+            case=one, masses_g=dict(to.masses_g), posture=to.posture, why=f"{_exchanged_with(of)}{why}", at=at, by=by
         )
         for one, to, of in pair
     )
     return first, second
+
+
+def other_half(amendments: Sequence[Amendment], k: int) -> int | None:
+    """Return the place of the amendment that is one exchange with the k-th, None where that is no exchange."""
+    one = amendments[k]
+    for j in (k - 1, k + 1):
+        if 0 <= j < len(amendments):
+            other = amendments[j]
+            naming = one.why.startswith(_exchanged_with(other.case)), other.why.startswith(_exchanged_with(one.case))
+            if all(naming) and one.at == other.at:
+                return j
+    return None
 
 
 def block_of(session: Session, named: str) -> list[LoadCase]:
@@ -213,6 +225,10 @@ def amended_line(row: Mapping[str, Any]) -> str:
             entered.append(str(value))
     instead = f" (entered: {', '.join(entered)})" if entered else ""
     return f"Amended {row['case']}: {row['words']}{instead}; {row['why']} [{row['at']}]"
+
+
+def _exchanged_with(case: str) -> str:
+    return f"exchanged with {case}: "
 
 
 def _expect_known(names: Iterable[str], known: Collection[str], what: str) -> None:

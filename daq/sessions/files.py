@@ -25,6 +25,8 @@ except ImportError:
     from yaml import SafeDumper  # type: ignore[assignment]
 
 SESSION_FILE = "session.yaml"
+# Of a bench, beside it.
+JOURNAL_FILE = "journal.sqlite3"
 AMENDMENTS_FILE, AMENDMENTS_FORMAT = "amendments.yaml", "bench-amendments/1"
 # Of a document that brings its own finger instead of naming a file.
 FINGER_DOCUMENT = "finger_document"
@@ -55,7 +57,10 @@ def find_session(path: str | Path) -> Path:
         file = given / SESSION_FILE
         if file.is_file():
             return file
-        raise SessionError(f"folder {given} has no {SESSION_FILE}", "a bench session's folder")
+        # Until a bench has ended, its session is in its journal alone.
+        journal = f"Where a bench broke off, {JOURNAL_FILE} holds its session: the same command with --resume goes on"
+        remedy = journal if (given / JOURNAL_FILE).is_file() else ""
+        raise SessionError(f"folder {given} has no {SESSION_FILE}", "a bench session's folder", remedy)
     shipped = data_dir() / "sessions" / given.name / SESSION_FILE
     if len(given.parts) == 1 and shipped.is_file():
         return shipped

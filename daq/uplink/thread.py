@@ -126,7 +126,7 @@ class Uplink:
     def status(self) -> UplinkStatus:
         """Return the state of the uplink."""
         problem = self._trouble or self._link.problem or self._events.problem
-        if problem and self._refusal:  # it is why a session is not there
+        if problem and self._refusal not in (None, problem):  # it is why a session is not there
             problem = f"{self._refusal}; {problem}"
         caught_up = self._idle_step == self._steps > 0
         return UplinkStatus(self._chunks.sent, self._chunks.quarantined, self._events.refused, caught_up, problem)
@@ -199,8 +199,19 @@ class Uplink:
         if response.status_code in (401, 403):
             self._link.back_off(said(response))
             return
-        self._begun = True
+        if response.status_code == 409 and self._document is not None:
+            # Readings of one session must not go to another of its name.
+            self._refuse(said(response))
+            self._link.back_off(said(response))
+            return
+        self._begun, self._refusal = True, None
         if response.status_code == 422:
-            self._refusal = said(response)
-            self._journal.event(Event("session_refused", 0.0, {"why": self._refusal}))
-            self._journal.alarms.put(("session_refused", f"session {self._session} was not begun: {self._refusal}"))
+            self._refuse(said(response))
+
+    def _refuse(self, why: str) -> None:
+        """Tell why the session was not begun, once."""
+        if why == self._refusal:
+            return
+        self._refusal = why
+        self._journal.event(Event("session_refused", 0.0, {"why": why}))
+        self._journal.alarms.put(("session_refused", f"session {self._session} was not begun: {why}"))

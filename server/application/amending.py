@@ -9,7 +9,7 @@ from daq.audit import changing
 from daq.errors import SessionError
 from daq.locations import data_dir
 from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
-from daq.sessions.amendments import write_amendments
+from daq.sessions.amendments import other_half, write_amendments
 from daq.sessions.models import Amendment, Session
 
 
@@ -42,19 +42,30 @@ def keep_amendments(session: str, folder: Path, new: Sequence[Amendment]) -> Ses
 
 
 def take_back(folder: Path, cases: Sequence[str]) -> list[Amendment]:
-    """Remove the last amendment of each of some cases that has one, and return them.
+    """Remove the last amendment of each of some cases that has one, of an exchange both halves; return them.
 
     Raises:
-        SessionError: none has one.
+        SessionError: none has one, or the other case of an exchange was amended again.
     """
     with changing(folder) as note:
         beside = _beside(folder)
-        last = {one.case: k for k, one in enumerate(beside) if one.case in cases}
-        if not last:
+        last = {one.case: k for k, one in enumerate(beside)}
+        gone_at = {last[case] for case in cases if case in last}
+        if not gone_at:
             named = f"case {cases[0]} has" if len(cases) == 1 else "these cases have"
             raise SessionError(f"{named} no amendment here", "one that was made with fingertwin amend")
-        write_amendments(folder, tuple(one for k, one in enumerate(beside) if k not in last.values()))
-        taken = [beside[k] for k in last.values()]
+        # Half an exchange would hang one weight twice and another never.
+        for k in tuple(gone_at):
+            half = other_half(beside, k)
+            if half is None:
+                continue
+            other = beside[half].case
+            if last[other] != half:
+                found = f"{other} was amended again after it was exchanged with {beside[k].case}"
+                raise SessionError(found, "the later amendment taken back first", f"Undo {other} first")
+            gone_at.add(half)
+        write_amendments(folder, tuple(one for k, one in enumerate(beside) if k not in gone_at))
+        taken = [beside[k] for k in sorted(gone_at)]
         gone = [one.model_dump(mode="json", exclude_none=True) for one in taken]
         note("amend undone", folder.name, {"taken_back": gone[0] if len(gone) == 1 else gone})
     return taken

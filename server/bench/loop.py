@@ -103,18 +103,21 @@ class BenchLoop:
         """Log until the user quits, the cell ends, or nothing more can be kept; then the cell is stopped.
 
         Raises:
+            KeyboardInterrupt: a signal ended it, and the session is not closed: it broke off.
             DriverError: the cell has become another.
             JournalError: the disk is full; all before is kept.
         """
         writer = threading.Thread(target=self._keep, name="journal")
+        broke_off = False
         try:
             with ended_by_signals(lambda: None) as told:
                 writer.start()
                 self._say(self._run.start())
                 while writer.is_alive() and not told.come and self._turn():
                     time.sleep(LOOK_S)
+                broke_off = told.come
         except KeyboardInterrupt:
-            pass  # pressed in the terminal's raw mode: as good as quitting
+            broke_off = True  # pressed where the terminal tells it as a key
         finally:
             self._acquisition.stop()
             writer.join()
@@ -122,6 +125,8 @@ class BenchLoop:
             self._view.draw(self._space_left)
         if self._failure is not None:
             raise self._failure
+        if broke_off and not self._run.record.closed:
+            raise KeyboardInterrupt
 
     def _turn(self) -> bool:
         """Take what was kept, do what was asked for, draw; return whether to go on."""

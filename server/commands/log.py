@@ -27,7 +27,7 @@ from server.commands.console import answer, refuse_useless, say, table
 from server.commands.entries import once, pair
 from server.commands.forwarding import Delivery, forwarding
 from server.commands.log_bench import log_bench
-from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
+from server.commands.log_parts import LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
     from daq.drivers.base import LoadCell
@@ -303,7 +303,9 @@ def replay_session(
         raise InputError(
             f"not all of {name} is at {to}",
             "a service that answers and takes it",
-            f"The readings are in {kept}: fingertwin replay {quoted(kept / JOURNAL)} --to {to} sends them again",
+            # By the recording's own name: with a session's readings goes its description.
+            f"The readings are in {kept}; "
+            f"fingertwin replay {quoted(recording)} --to {to} --session {name} sends all again",
         )
 
 

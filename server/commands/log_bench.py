@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from daq.errors import InputError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
 from daq.quoting import quoted
-from daq.sessions import own_finger, read_yaml
+from daq.sessions import JOURNAL_FILE, own_finger, read_yaml
 from daq.sessions.protocols import read_protocol
 from server.application.bench_prediction import predictor
 from server.bench.keys import KeyInput, terminal_keys, typed_lines
@@ -24,7 +25,7 @@ from server.bench.remote import Remote, joined
 from server.bench.view import LineView, LiveView
 from server.commands.console import answer, at_terminal, progress, say
 from server.commands.forwarding import forwarding
-from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
+from server.commands.log_parts import LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
     from daq.acquisition.acquire import Acquisition
@@ -53,6 +54,7 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
 
     Raises:
         InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed.
+        KeyboardInterrupt: it broke off before the session was closed; nothing is written, so that it can go on.
     """
     setup, out = bench_setup(options, cell), options.out
     if out is None:
@@ -68,15 +70,16 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
         told = {"driver": cell.name, "settings": dict(cell.values), "cell": about, "clock": cell.clock}
         before.require_same(setup, told)
     if before is not None and before.record.closed:
-        with JournalReader.open(out / JOURNAL) as journal:
+        with JournalReader.open(out / JOURNAL_FILE) as journal:
             stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
-        closed.path = out / JOURNAL
+        closed.path, left = out / JOURNAL_FILE, ""
     else:
-        stream, session = _follow(options, setup, acquisition, closed, about, before, by_keys=at_terminal(json))
+        stream, session, left = _follow(options, setup, acquisition, closed, about, before, by_keys=at_terminal(json))
     body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
-        where = quoted(out)
-        say(f"{len(session.cases)} load cases: {out}   (fingertwin check {where}, fingertwin compare {where})")
+        where, count = quoted(out), len(session.cases)
+        done = f"{count} load case{'s' * (count != 1)}{left}"
+        say(f"{done}: {out}   (fingertwin check {where}, fingertwin compare {where})")
 
 
 def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
@@ -86,8 +89,8 @@ def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
         SessionError: there is one and nobody asked for it, or the other way round.
     """
     found: BrokenOff | None = None
-    if (out / JOURNAL).exists():
-        with JournalReader.open(out / JOURNAL) as journal:
+    if (out / JOURNAL_FILE).exists():
+        with JournalReader.open(out / JOURNAL_FILE) as journal:
             found = broken_off(journal)
     # Closed without a case it left nothing to be written.
     if found is None or (found.record.closed and not found.record.cases):
@@ -117,14 +120,14 @@ def _follow(
     before: BrokenOff | None,
     *,
     by_keys: bool,
-) -> tuple[str, Session]:
-    """Log until the session is over; return its stream and the session that was written."""
+) -> tuple[str, Session, str]:
+    """Log until the session is over; return its stream, the session that was written, and what is not done in words."""
     out, cell = options.out or Path(), acquisition.cell
     predict = predictor(setup, options.model)
     run: BenchRun | None = None
     from_s = 0.0
     if before is not None:
-        with JournalReader.open(out / JOURNAL) as kept, progress("Reading"):
+        with JournalReader.open(out / JOURNAL_FILE) as kept, progress("Reading"):
             plateaus = before.plateaus(kept)
         run, from_s = BenchRun(before.record.setup, predict, before.stream.id), before.from_s()
         run.resume(before.events, plateaus, before.last_s, from_s)
@@ -138,10 +141,21 @@ def _follow(
             # As after a pulled cable: what the bytes before were the beginning of never came.
             journal.event(Event("reconnected", from_s, {"away_s": round(from_s - before.last_s, 3)}, stream))
         meter = StreamMeter(run.full_scale)
-        with forwarding(options.to, options.session_name, journal, stream, acquisition, say) as tail:
-            remote = None if tail is None else Remote(tail, run)
-            _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
-        return stream, write_bench_session(journal, out, stream)
+        try:
+            with forwarding(options.to, options.session_name, journal, stream, acquisition, say) as tail:
+                remote = None if tail is None else Remote(tail, run)
+                _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
+        except KeyboardInterrupt:
+            with suppress(OSError):  # the terminal may be gone
+                say(f"{_not_done(run)}; the same command with --resume goes on.")
+            raise
+        left = "" if run.record.closed else f", {_not_done(run)}"
+        return stream, write_bench_session(journal, out, stream), left
+
+
+def _not_done(run: BenchRun) -> str:
+    states = [state for _, _, state in run.status().checklist]
+    return f"{len(states) - states.count('done')} of {len(states)} steps not done"
 
 
 def _loop(
@@ -179,11 +193,11 @@ def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:
     load_cell: dict[str, Any] = dict(given.get("load_cell") or {}) | options.cell
     if cell.rate_hz is not None:
         load_cell.setdefault("rate_hz", cell.rate_hz)
-    out = options.out or Path()
     rest = {k: v for k, v in given.items() if k not in ("format", "id", "load_cell")}
     return BenchSetup(
         finger_document=own_finger(str(given["finger"])),
-        id=str(given.get("id") or out.resolve().name),
+        # By its folder, not by the setup: that is written once for a specimen and serves several days.
+        id=options.session_name,
         load_cell=load_cell,
         protocol=read_protocol(options.protocol, options.setup.parent),
         protocol_name=options.protocol,

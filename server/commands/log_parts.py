@@ -14,10 +14,9 @@ from daq.acquisition.acquire import Acquisition
 from daq.drivers.base import LoadCell
 from daq.journal.writer import Journal
 from daq.memory import keep_flat
+from daq.sessions import JOURNAL_FILE
 from daq.signals.gauges import read_calibration
 from server.commands.closing_copy import Closed
-
-JOURNAL = "journal.sqlite3"
 
 
 @dataclass(frozen=True)
@@ -114,5 +113,5 @@ def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None, clo
 
 def _journal(folder: Path) -> Journal:
     """Open the folder's journal, a new one where there is none."""
-    path = folder / JOURNAL
+    path = folder / JOURNAL_FILE
     return Journal.open(path) if path.exists() else Journal.create(path, folder.resolve().name)

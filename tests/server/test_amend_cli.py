@@ -80,6 +80,24 @@ def test_two_cases_are_exchanged_and_one_is_left_out(folder: Path) -> None:
     assert body["excluded"] == {cases[5]["id"]: "the suture slipped"}
 
 
+def test_an_exchange_is_taken_back_as_a_whole(folder: Path) -> None:
+    before = run("compare", folder, "--json", "-").body("compare")["cases"]
+    a, b = before[0]["id"], next(c["id"] for c in before if c["masses_g"] != before[0]["masses_g"])
+    for one, other in ((a, b), (b, a)):
+        amended(folder, a, "--exchange", b, "--why", "two lines of the sheet")
+        assert run("amend", folder, one, "--undo").out.count("Taken back") == 2
+        assert run("compare", folder, "--json", "-").body("compare")["cases"] == before
+        amended(folder, a, "--exchange", b, "--why", "two lines of the sheet")
+        amended(folder, other, "--exclude", "--why", "the suture slipped")
+        kept = (folder / "amendments.yaml").read_bytes()
+        saying = f"{other} was amended again after it was exchanged with {one}"
+        refused("amend", folder, one, "--undo", saying=saying, instead=f"Undo {other} first")
+        assert (folder / "amendments.yaml").read_bytes() == kept
+        assert run("amend", folder, other, "--undo").out.count("Taken back") == 1
+        assert run("amend", folder, other, "--undo").out.count("Taken back") == 2
+    assert read_session(folder).amendments == ()
+
+
 def test_a_report_says_first_what_was_amended(folder: Path, tmp_path: Path) -> None:
     case = entry(folder)["id"]
     amended(folder, case, "--exclude", "--why", "the suture slipped")

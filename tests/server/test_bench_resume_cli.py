@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -35,7 +36,7 @@ PROTOCOL = {
 }  # fmt: skip
 SETUP = {
     "format": "bench-setup/1",
-    "id": "monday",
+    "id": "P1-rig",
     "specimen": {"id": "P1", "species": "human", "digit": "third", "side": "right"},
     "finger": "an1979_middle",
     "load_cell": {"model": "Robotiq FT300", "serial": "FT1", "calibration": "C1"},
@@ -131,7 +132,8 @@ def test_a_killed_bench_goes_on_where_it_stopped(
         assert (code, text, err.count("\n")) == (2, "", 1)
         assert said in err
 
-    refused("holds session monday, which is not finished; expected --resume to go on with it", *bench)
+    # Of one setup several days are made: each is called as its folder.
+    refused("holds session out, which is not finished; expected --resume to go on with it", *bench)
     Path("other.yaml").write_text(yaml.safe_dump(SETUP | {"tension_factor": 0.9}))
     Path("levels.yaml").write_text(yaml.safe_dump(PROTOCOL | {"timing": PROTOCOL["timing"] | {"load_s": 1.0}}))  # type: ignore[operator]
     changed = {"setup.yaml": "tension_factor is 0.9; expected 0.835", "small.yaml": "protocol small is not that of"}
@@ -158,6 +160,7 @@ def test_a_killed_bench_goes_on_where_it_stopped(
     code, text, _ = run(capsys, monkeypatch, "check", "out")
     assert (code, "usable" in text) == (0, True)
     session = read_session("out")
+    assert session.id == "out"
     assert {c.id: c.repeat_of for c in session.cases} == {
         "c001": None, "c001r1": "c001", "c002": None, "c003": "c001", "c004": None,
     }  # fmt: skip
@@ -182,6 +185,26 @@ def test_a_killed_bench_goes_on_where_it_stopped(
     refused("out has a session already, so nothing broke off", *bench, "--resume")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a process cannot be sent Ctrl-C alone there")
+def test_a_bench_that_ctrl_c_ended_says_what_is_left_and_goes_on(bench: list[str]) -> None:
+    first = Logger(bench)
+    first.until("bench started")
+    first.say("next")
+    first.tare()
+    first.take()
+    first.process.send_signal(signal.SIGINT)
+    assert first.end() == 130, "".join(first.said)
+    assert "5 of 6 steps not done; the same command with --resume goes on." in first.said[-1]
+    # Without a session nobody sees what validation cases were predicted before they are measured.
+    assert not Path("out/session.yaml").exists()
+    second = Logger([*bench, "--resume"])
+    second.until("bench resumed")
+    second.say("quit")
+    assert second.end() == 0, "".join(second.said)
+    assert "1 load case, 5 of 6 steps not done: out" in second.said[-1]
+    assert [c.id for c in read_session("out").cases] == ["c001"]
+
+
 @pytest.mark.parametrize("bench", ["robotiq-ft300", "text-lines"], indirect=True)
 def test_a_session_that_was_closed_and_not_written_is_written(
     bench: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -201,7 +224,7 @@ def test_a_session_that_was_closed_and_not_written_is_written(
     bench[bench.index("--port") + 1] = "socket://127.0.0.1:9"
     code, text, err = run(capsys, monkeypatch, *bench, "--resume")
     assert code == 0, err
-    assert "1 load cases" in text
+    assert "1 load case:" in text
     assert Path("out/session.yaml").read_text() == written
 
 

@@ -204,7 +204,7 @@ def test_a_signal_ends_the_log_and_leaves_a_copy(run: Run, tmp_path: Path, name:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process cannot be sent such a signal alone there")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_ends_a_bench_session_as_quit_does(run: Run, tmp_path: Path, name: str) -> None:
+def test_a_signal_breaks_a_bench_session_off_and_leaves_a_copy(run: Run, tmp_path: Path, name: str) -> None:
     Path("setup.yaml").write_text(json.dumps(SETUP))
     number = heeded(name)
     command = [
@@ -220,9 +220,10 @@ def test_a_signal_ends_a_bench_session_as_quit_does(run: Run, tmp_path: Path, na
             pass
         child.send_signal(number)
         text, err = child.stdout.read(), child.stderr.read()
-    # As where a session is left before its first case: said, and all that was read is kept.
-    assert child.returncode == 2
-    assert "no complete case" in err
+    # How to go on is said, and all that was read is kept.
+    assert (child.returncode, err.count("\n")) == (130, 1)
+    assert "--resume goes on" in text
     assert "Copy, read back" in text
+    assert not (tmp_path / "monday" / "session.yaml").exists()
     with Journal.open(tmp_path / "monday" / "journal.sqlite3", 0) as journal:
         assert [e.kind for e in journal.events()][-1] == "ended"

@@ -26,6 +26,8 @@ def test_a_replay_that_nobody_takes_fails_and_keeps_the_readings(
         answer = run("replay", "DEV-02", "--to", "http://127.0.0.1:9", "--speed", "max")
         assert answer.code == 2
         assert f"The readings are in {folder}" in answer.err
+        # With its description: the kept readings alone would make a session without cases.
+        assert "fingertwin replay DEV-02 --to http://127.0.0.1:9 --session DEV-02 sends all again" in answer.err
         named = re.findall(r"\S+journal\.sqlite3", answer.out + answer.err)
         assert [path for path in named if not Path(path).is_file()] == []
         report = check(tmp_path / folder / "journal.sqlite3")

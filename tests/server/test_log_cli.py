@@ -334,6 +334,21 @@ def test_a_setup_takes_its_finger_file_along(tmp_path: Path, monkeypatch: pytest
     assert setup.as_value()["finger_document"] == {"format": "finger/1", "id": "mine"}
 
 
+def test_two_days_of_one_setup_are_two_sessions(tmp_path: Path) -> None:
+    specimen = {"id": "S1", "species": "human", "digit": "third", "side": "left"}
+    given = {"format": "bench-setup/1", "id": "S1-rig", "specimen": specimen, "finger": "an1979_middle"}
+    (tmp_path / "setup.yaml").write_text(json.dumps(given | {"tension_factor": 0.835}))
+
+    def called(out: str, session: str | None = None) -> str:
+        setup = tmp_path / "setup.yaml"
+        options = LogOptions(
+            "replay", None, None, (), tmp_path / out, None, protocol="levels", setup=setup, session=session
+        )
+        return bench_setup(options, driver("robotiq-ft300")({})).id
+
+    assert [called("monday"), called("tuesday"), called("out", "wednesday")] == ["monday", "tuesday", "wednesday"]
+
+
 def test_a_replay_arrives_at_a_service_once_and_in_order(
     recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

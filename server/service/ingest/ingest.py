@@ -30,6 +30,7 @@ from server.service.ingest.stored import (
     known_stream,
     raise_version,
     stream_row,
+    streams_of,
 )
 from server.service.storage.audit import record
 from server.service.storage.checksums import digest_of
@@ -242,7 +243,10 @@ def _keep(
         "epoch": sent.epoch,
     }
     here = (streams.c.session == session) & (streams.c.id == stream)
+    before = streams_of(connection, session)[0]
     changed = connection.execute(update(streams).where(here).values(change).returning(streams)).one()
+    if streams_of(connection, session)[0] != before:
+        raise_version(connection, session)  # windows are read in another stream now
     return _cursor(connection, changed), fresh
 
 

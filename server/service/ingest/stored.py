@@ -91,6 +91,12 @@ def chunk_of(row: Row[Any]) -> Chunk:
     return Chunk.from_bytes(sound(row.payload, row.sha256, place))
 
 
+def streams_of(connection: Connection, session: str) -> list[str]:
+    """Return ids of a session's streams, most readings first: a replay that broke off comes after its repeat."""
+    mine = select(streams.c.id).where(streams.c.session == session)
+    return list(connection.execute(mine.order_by(streams.c.held.desc(), streams.c.number)).scalars())
+
+
 def raise_version(connection: Connection, session: str, **values: Any) -> None:
     """Raise a session's version, by which everybody sees that what was computed of it is old; set other columns too."""
     raised = {"version": sessions.c.version + 1} | values

@@ -15,8 +15,8 @@ from daq.errors import InputError, SessionError
 from daq.journal.rows import Event
 from daq.sessions import parse_session
 from daq.sessions.models import AMENDABLE, Session
-from server.service.ingest.stored import stored_events
-from server.service.storage.schema import edits, sessions, streams
+from server.service.ingest.stored import stored_events, streams_of
+from server.service.storage.schema import edits, sessions
 from server.service.web.problems import ProblemError, not_found
 
 # What an edit may do to a session.
@@ -151,8 +151,7 @@ def read_record(connection: Connection, name: str) -> Record:
     source, document, bench, problem = _base(row.document, happened)
     if document is not None:
         document = apply_edits(document, changes)
-    mine = select(streams.c.id).where(streams.c.session == name).order_by(streams.c.number)
-    known = list(connection.execute(mine).scalars())
+    known = streams_of(connection, name)
     return Record(
         id=name,
         version=row.version,

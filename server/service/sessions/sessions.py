@@ -48,6 +48,8 @@ class Sessions:
     def create(self, name: str, document: Mapping[str, Any] | None, *, arriving: bool = False) -> Begun:
         """Begin a session; one that was deleted is brought back by its own document, with its edits and searches.
 
+        Where readings alone came, and nothing tells what they are of, a document does from here on.
+
         Args:
             name: its id.
             document: a bench-session/1 that is known already; None where a bench will send its record.
@@ -68,6 +70,12 @@ class Sessions:
             if row is not None:
                 if row.arriving:
                     raise ProblemError(409, f"session {name} is being taken in", "the end of that, or another id")
+                alone = row.deleted_utc is None and read_record(connection, name).source == "none"
+                if kept is not None and alone and not arriving:
+                    raise_version(connection, name, document=kept, specimen=kept["specimen"]["id"])
+                    telling.record("session described", name, _fingerprint(kept))
+                    telling.tell("session", name, {"change": "described"})
+                    return "there"
                 if row.document != kept or (row.deleted_utc is not None and kept is None):
                     what = "was deleted, and ids are not used twice" if row.deleted_utc else "is there, and differs"
                     # What a bench sent and what was purged have no document to tell the session by.

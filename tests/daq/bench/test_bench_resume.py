@@ -190,6 +190,7 @@ OTHER = Protocol.model_validate(PROTOCOL | {"id": "other"})
     [
         ({}, {}, ""),
         ({"protocol_name": "another.yaml"}, {}, ""),
+        ({"id": "another"}, {}, ""),
         (
             {"protocol": OTHER},
             {},

@@ -268,6 +268,25 @@ def test_c3d_of_more_readings_than_it_counts_frames(n: int, rate_hz: float, tmp_
     assert found["parameters"]["FINGERTWIN"]["READINGS"]["value"][0] == n
 
 
+def test_c3d_takes_a_clock_that_wanders_and_no_gap(tmp_path: Path) -> None:
+    block = record([0 * WRENCH, WRENCH])
+    even, last_s = np.arange(len(block)) / RATE_HZ, len(block) / RATE_HZ
+    # By three readings in the middle, and no step by more than 5 %.
+    wandering = even + 3.0 / RATE_HZ * np.sin(np.pi * even / last_s)
+    assert np.abs(np.diff(wandering) * RATE_HZ - 1.0).max() < 0.05
+    data = recorded() | {"events": [{"t_s": float(wandering[len(even) // 2]), "kind": "slip"}]}
+    data["load_cell"].pop("rate_hz", None)
+    write_c3d(bench(tmp_path / "bench", data, replace(block, t_s=wandering)), tmp_path / "x.c3d")
+    parameters = ezc3d.c3d(str(tmp_path / "x.c3d"))["parameters"]
+    rate_hz = parameters["ANALOG"]["RATE"]["value"][0]
+    assert rate_hz == pytest.approx((len(even) - 1) / (wandering[-1] - wandering[0]), rel=1e-6)
+    slip_s = parameters["EVENT"]["TIMES"]["value"][1][parameters["EVENT"]["LABELS"]["value"].index("slip")]
+    assert slip_s * rate_hz == pytest.approx(len(even) // 2, abs=0.01)
+    lost = replace(block, t_s=wandering + (even > last_s / 2) / RATE_HZ)
+    with pytest.raises(InputError, match="not evenly sampled"):
+        write_c3d(bench(tmp_path / "lost", data, lost), tmp_path / "y.c3d")
+
+
 def test_c3d_splits_events_beyond_what_one_parameter_holds(tmp_path: Path) -> None:
     data = recorded() | {"events": [{"t_s": 0.01 * i, "kind": "note"} for i in range(600)]}
     session = bench(tmp_path / "bench", data, record([0 * WRENCH, WRENCH]))

@@ -190,7 +190,11 @@ def test_a_file_that_is_no_session(text: str | bytes, words: list[str], tmp_path
 
 
 def test_absent_sessions(tmp_path: Path) -> None:
-    with pytest.raises(SessionError, match="has no session"):
+    with pytest.raises(SessionError, match="has no session") as caught:
+        read_session(tmp_path)
+    assert "--resume" not in str(caught.value)
+    (tmp_path / "journal.sqlite3").touch()
+    with pytest.raises(SessionError, match=r"has no session.*with --resume goes on"):
         read_session(tmp_path)
     with pytest.raises(SessionError, match=r"no session at .*Did you mean synek2019_H01\?"):
         read_session("synek2019_H1")

@@ -150,6 +150,38 @@ def test_a_session_that_the_service_does_not_begin_is_told_at_once_and_as_the_ca
     journal.close()
 
 
+def test_readings_of_a_session_do_not_go_to_another_of_its_name(journal: Journal) -> None:
+    there, asked = [409], []
+
+    def answering(request: httpx.Request) -> httpx.Response:
+        asked.append(request.url.path)
+        if request.method == "POST":
+            return httpx.Response(there[0], json={"detail": "session S is there, and differs"})
+        return httpx.Response(404, json={"detail": "no such stream"})
+
+    client = httpx.Client(base_url="http://service", transport=httpx.MockTransport(answering))
+    clock = [0.0]
+    uplink = Uplink(
+        journal, "http://service", "S", client=client, begins=True, document={"id": "S"}, clock=lambda: clock[0]
+    )
+    journal.append(journal.add_stream("made", {}, {}), made(0, 30))
+    for _ in range(3):
+        uplink.step()
+        clock[0] += 100.0
+    assert set(asked) == {"/api/v1/sessions"}
+    refusal = "the service says 409 session S is there, and differs"
+    assert uplink.status().problem == refusal
+    assert journal.alarms.get_nowait() == ("session_refused", f"session S was not begun: {refusal}")
+    assert journal.alarms.empty()
+    there[0] = 201  # it was removed there
+    uplink.step()
+    uplink.step()
+    assert refusal not in (uplink.status().problem or "")
+    assert len(set(asked)) == 2
+    uplink.stop()
+    journal.close()
+
+
 @pytest.mark.parametrize("url", ["bench-pc:8000", "ftp://bench-pc", "", "http://", "http://a:b"])
 def test_no_address_is_said_in_one_line(journal: Journal, url: str) -> None:
     with pytest.raises(InputError, match="http://bench-pc:8000") as caught:
