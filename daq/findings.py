@@ -28,6 +28,11 @@ class Finding:
     where: str
     text: str
 
+    @property
+    def line(self) -> str:
+        """The place, where there is one, and the text."""
+        return f"{self.where}: {self.text}" if self.where else self.text
+
     def as_warning(self) -> dict[str, str]:
         """Return plain data, as every answer that judges a session carries it."""
         return {"code": self.code, "place": self.where, "words": self.text}

@@ -38,9 +38,17 @@ def test_every_shipped_session_is_usable(session: str) -> None:
 
 
 def checked(session: Path) -> tuple[int, set[tuple[str, str]]]:
+    """Levels and codes; of a session that cannot be used, one line on stderr tells the first error."""
     answer = run("check", session, "--json", "-")
-    assert answer.err == ""
-    return answer.code, {(f["level"], f["code"]) for f in strict(answer.out, "check")["findings"]}
+    body = strict(answer.out, "check")
+    if answer.code:
+        first = body["findings"][0]
+        assert answer.err.startswith(f"fingertwin: {session}: not usable; {body['errors']} error")
+        assert answer.err.endswith(f"{first['text']}\n")
+        assert answer.err.count("\n") == 1
+    else:
+        assert answer.err == ""
+    return answer.code, {(f["level"], f["code"]) for f in body["findings"]}
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,7 @@ def revisions(
 @router.get("/revisions/{revision}", responses=documented(RevisionWhole))
 def revision(revision: RevisionId, request: Request) -> JsonAnswer:
     """Return a revision: what was added and why, errors before and after, its document, and what it came from."""
-    return JsonAnswer(of(request).revisions.read(revision))
+    return JsonAnswer({"schema": "fingertwin/revision/1"} | of(request).revisions.read(revision))
 
 
 @router.get("/revisions/{revision}/document", responses=documented(Shown))
