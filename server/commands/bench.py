@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from daq.checks import measure_and_check
 from daq.errors import InputError
-from daq.findings import warnings_by_session
+from daq.findings import warning_line, warnings_by_session
 from daq.sessions import read_session, require_once
 from daq.signals.friction import friction
 from server.application.checking import check_whole
@@ -54,7 +54,7 @@ def friction_of(sessions: list[str], json: str | None) -> None:
     if answer("friction", {k: v for k, v in body.items() if k != "schema"}, json):
         return
     for warning in warnings:
-        say(f"Warning: {warning['place']}: {warning['words']}")
+        say(warning_line(warning))
     # Sessions that only know loading need no word about it.
     told = bool(result.directions)
     table(
