@@ -94,7 +94,7 @@ _DRAWN = documented(FigureShown, example=EXAMPLES["FigureShown"]) | {304: {"desc
 def listed() -> JsonAnswer:
     """List the figures: what each needs, and its query parameters."""
     rows = [_listed(kind, name) for kind, told in _LISTED.items() for name in told["figures"]]
-    return JsonAnswer({"figures": rows})
+    return JsonAnswer({"schema": "fingertwin/figures/1", "figures": rows})
 
 
 @router.get("/comparison/{name}", responses=_DRAWN)

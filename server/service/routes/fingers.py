@@ -59,7 +59,7 @@ def listed() -> JsonAnswer:
 def one(finger: Name) -> JsonAnswer:
     """Return a finger with every number and its source."""
     shown = finger_shown(known_finger(finger))
-    return JsonAnswer(shown | {"document": read_finger(finger).document})
+    return JsonAnswer({"schema": "fingertwin/finger/1"} | shown | {"document": read_finger(finger).document})
 
 
 @slow.get("/{finger}/formats", responses=documented(FingerFormats))

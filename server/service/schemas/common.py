@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import Header, Path, Query
 from pydantic import BaseModel, ConfigDict, Field
@@ -42,6 +42,21 @@ class Shown(BaseModel):
     """A body that is answered; it may come to have more keys."""
 
     model_config = ConfigDict(extra="allow")
+
+
+class Answered(Shown):
+    """A whole answer, which says what form it has."""
+
+    schema_: str = Field(alias="schema", pattern=r"^fingertwin/[a-z-]+/[0-9]+$", description="Its form, and version.")
+
+
+class WarningOfCheck(Shown):
+    """An error or a warning of the check."""
+
+    level: Literal["error", "warning"] = Field(description="error: do not use what it concerns; warning: look at it.")
+    code: str = Field(description="For scripts.")
+    place: str
+    words: str
 
 
 class ErrorsInPlane(Shown):

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, JsonValue
 
-from server.service.schemas.common import Form, Plain, Shown
+from server.service.schemas.common import Answered, Form, Plain, Shown
 from server.service.schemas.figures import FigureShown
 from server.service.schemas.predictions import Angle, Name
 
@@ -102,10 +102,10 @@ class Moved(Shown):
 MOVED: dict[str, Any] = {"motions": ["wu2008_tap"], "muscles": ["wu2008"], "fingers": ["wu2008_index"]}
 
 
-class MovementChoices(Shown):
+class MovementChoices(Answered):
     """Choices for a movement."""
 
-    model_config = ConfigDict(json_schema_extra={"example": MOVED})
+    model_config = ConfigDict(json_schema_extra={"example": {"schema": "fingertwin/movements/1"} | MOVED})
 
     motions: list[str]
     muscles: list[str]

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import Plain, Shown
+from server.service.schemas.common import Answered, Plain, Shown
 from server.service.web.examples import EXAMPLES
 from server.service.web.problems import Problem
 
@@ -37,7 +37,7 @@ class JobShown(Shown):
     problem: Problem | None = Field(description="Why it failed.")
 
 
-class JobList(Shown):
+class JobList(Answered):
     """Some jobs, newest first."""
 
     jobs: list[JobShown]

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from daq.vocabulary import LARGEST_FACTOR
 from fingermodel.predicting import ANGLE_DEG, GRAVITY_M_S2, MOST_LOAD
-from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
+from server.service.schemas.common import Answered, Form, Plain, Shown, Summary, Vector, WarningOfCheck
 from server.service.web.examples import EXAMPLES
 
 MOST_ROWS = 100_000
@@ -56,7 +56,7 @@ class Asked(Form):
         return self
 
 
-class Predicted(Shown):
+class Predicted(Answered):
     """Forces that the finger exerts on what holds it: x proximal, y dorsal, z radial."""
 
     model: str
@@ -65,6 +65,15 @@ class Predicted(Shown):
     tip_moment_Nmm: list[Vector] = Field(description="About the load point in the mid pulp [N mm].")
     bone_force_N: list[Vector] = Field(description="In the metacarpal's axes [N].")
     undetermined: list[int] = Field(description="Rows whose finger is straight: their forces are null.")
+
+
+class Friction(Answered):
+    """Friction factor by force balance, as `fingertwin friction --json`."""
+
+    cases: list[Plain] = Field(description="Factor of each pair of cases.")
+    specimens: list[Plain] = Field(description="Mean of each specimen.")
+    pooled: Plain = Field(description="Mean over specimens, clustered by them.")
+    warnings: list[WarningOfCheck]
 
 
 class ComparedCase(Shown):
@@ -84,12 +93,13 @@ class ComparedCase(Shown):
     z: float | None = Field(description="Mahalanobis norm of the residual.")
 
 
-class Compared(Shown):
+class Compared(Answered):
     """Predicted against measured, as `fingertwin compare --json`, with what it came from."""
 
     session: str
     model: str
     outdated: bool = Field(description="Whether the session was changed since the model was fitted to it.")
+    warnings: list[WarningOfCheck]
     cases: list[ComparedCase]
     summary: Summary = Field(description="Errors by role and location.")
     by_muscle: dict[str, Any]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import Form, Shown
+from server.service.schemas.common import Answered, Form, Shown
 from server.service.web.examples import EXAMPLES
 
 
@@ -20,7 +20,7 @@ class StudyShown(Shown):
     state: str | None = Field(description="Of that job.")
 
 
-class StudyList(Shown):
+class StudyList(Answered):
     """The published studies that can be computed."""
 
     studies: list[StudyShown]
@@ -56,7 +56,7 @@ class StudyFigure(Shown):
     heading: str
 
 
-class StudyComputed(StudyShown):
+class StudyComputed(StudyShown, Answered):
     """A study with every published figure beside ours."""
 
     model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["StudyComputed"]})

@@ -52,6 +52,31 @@ def test_every_operation_is_described_and_named_once(document: Found) -> None:
         assert inside == set(re.findall(r"{(\w+)}", where)), where
 
 
+def test_every_answer_names_its_schema(document: Found) -> None:
+    """Documents and exports are files, which say their own format."""
+    silent = [
+        where
+        for where, content in json_answers(document)
+        if not where.endswith(("/document", "/export")) and "schema" not in resolved(document, content)["properties"]
+    ]
+    assert silent == []
+
+
+def json_answers(document: Found) -> Iterator[tuple[str, Found]]:
+    """What every success of every operation answers as JSON."""
+    for where, operation in operations(document):
+        for status, answer in operation["responses"].items():
+            if status[0] == "2" and "application/json" in answer.get("content", {}):
+                yield where, answer["content"]["application/json"]
+
+
+def resolved(document: Found, content: Found) -> Found:
+    """The schema of what is sent, also where it stands among the components."""
+    schema: Found = content["schema"]
+    named: Found = document["components"]["schemas"].get(schema.get("$ref", "").rpartition("/")[2], schema)
+    return named
+
+
 def test_every_refusal_is_documented_as_a_problem(document: Found) -> None:
     for where, operation in operations(document):
         answers = operation["responses"]
