@@ -64,7 +64,7 @@ class NewEffect(Form):
         Plain | None,
         Field(
             description="Name, title, formulas, parameters with units and ranges.",
-            examples=[EXAMPLES["NewEffect"]],
+            examples=[EXAMPLES["NewEffect"]["document"]],
         ),
     ] = None
 

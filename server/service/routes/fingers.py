@@ -31,7 +31,6 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.web.downloads import attachment
-from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import ApartRoute, ReadingRoute
 
 quick = APIRouter(route_class=ReadingRoute, prefix="/fingers", tags=["fingers"])
@@ -47,7 +46,7 @@ Format = Annotated[
 
 @quick.get(
     "",
-    responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [EXAMPLES["FingerShown"]]}),
+    responses=documented(FingerList),
 )
 def listed() -> JsonAnswer:
     """List the fingers that come with the software: bones, joints, tendons, what they are judged in."""

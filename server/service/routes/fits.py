@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request
 
 from fingermodel.diagnosis.several_sessions.independence import require_apart
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import Form, Limit, RevisionId, SessionId, Shown, documented
+from server.service.schemas.common import Form, Limit, RevisionId, SessionId, documented
 from server.service.schemas.fits import (
     AskedAddition,
     AskedDiagnosis,
@@ -18,6 +18,7 @@ from server.service.schemas.fits import (
     AskedPooled,
     AskedPopulation,
     Restored,
+    RevisionDocument,
     RevisionList,
     RevisionRead,
     RevisionWhole,
@@ -119,7 +120,7 @@ def revision(revision: RevisionId, request: Request) -> JsonAnswer:
     return JsonAnswer({"schema": "fingertwin/revision/1"} | of(request).revisions.read(revision))
 
 
-@router.get("/revisions/{revision}/document", responses=documented(Shown))
+@router.get("/revisions/{revision}/document", responses=documented(RevisionDocument))
 def revision_document(revision: RevisionId, request: Request) -> JsonAnswer:
     """Return a revision as a file that `fingertwin compare --model` takes."""
     found = of(request).revisions.read(revision)["document"]

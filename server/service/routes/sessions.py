@@ -28,6 +28,7 @@ from server.service.schemas.sessions import (
     NewSession,
     Nothing,
     Proposal,
+    SessionDocument,
     SessionImported,
     SessionList,
     SessionShown,
@@ -83,7 +84,7 @@ def read(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer(shown_session(of(request), session))
 
 
-@kept.get("/{session}/document", responses=documented(Shown))
+@kept.get("/{session}/document", responses=documented(SessionDocument))
 def document(session: SessionId, request: Request) -> JsonAnswer:
     """Return the session as bench-session/1, edits included."""
     return JsonAnswer(of(request).sessions.read(session).require_document())

@@ -88,9 +88,6 @@ Plain = dict[str, Any]
 _REFUSALS = problems(400, 401, 403, 404, 405, 409, 411, 413, 414, 415, 421, 422, 429, 500, 503)
 
 
-def documented(model: type[BaseModel], *, status: int = 200, example: Any = None) -> dict[int | str, dict[str, Any]]:
+def documented(model: type[BaseModel], *, status: int = 200) -> dict[int | str, dict[str, Any]]:
     """Return the documentation of an answer and of all refusals, for a route's `responses`."""
-    answer: dict[str, Any] = {"model": model}
-    if example is not None:
-        answer["content"] = {"application/json": {"example": example}}
-    return {status: answer, **_REFUSALS}
+    return {status: {"model": model}, **_REFUSALS}

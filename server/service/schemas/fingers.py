@@ -14,8 +14,6 @@ from server.service.web.examples import EXAMPLES
 class FingerShown(Shown):
     """A finger: bones, joints, tendons, what it is judged in."""
 
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["FingerShown"]})
-
     name: str
     id: str
     title: str
@@ -61,8 +59,6 @@ class FingerFormats(Answered):
 
 class FingerImport(Form):
     """A finger as OpenSim (.osim) or MuJoCo (MJCF, .xml) has it."""
-
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["FingerImport"]})
 
     name: Annotated[
         str,

@@ -131,6 +131,12 @@ class RevisionWhole(RevisionRead):
     provenance: dict[str, Any] = Field(description="Readings, corrections, model, job and software.")
 
 
+class RevisionDocument(Shown):
+    """A revision as a file."""
+
+    format: str
+
+
 class RevisionList(Answered):
     """Revisions, oldest first."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, JsonValue
 
@@ -99,13 +99,8 @@ class Moved(Shown):
     figures: list[FigureShown]
 
 
-MOVED: dict[str, Any] = {"motions": ["wu2008_tap"], "muscles": ["wu2008"], "fingers": ["wu2008_index"]}
-
-
 class MovementChoices(Answered):
     """Choices for a movement."""
-
-    model_config = ConfigDict(json_schema_extra={"example": {"schema": "fingertwin/movements/1"} | MOVED})
 
     motions: list[str]
     muscles: list[str]

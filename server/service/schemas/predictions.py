@@ -9,7 +9,6 @@ from pydantic import ConfigDict, Field, model_validator
 from daq.vocabulary import LARGEST_FACTOR
 from fingermodel.predicting import ANGLE_DEG, GRAVITY_M_S2, MOST_LOAD
 from server.service.schemas.common import Answered, Form, Plain, Shown, Summary, Vector, WarningOfCheck
-from server.service.web.examples import EXAMPLES
 
 MOST_ROWS = 100_000
 # Far beyond any mass in g and tension in N, and far from where sums overflow.
@@ -47,7 +46,7 @@ class Asked(Form):
     ] = 1.0
     gravity_m_s2: Annotated[float, Field(ge=GRAVITY_M_S2[0], le=GRAVITY_M_S2[1])] = 9.81
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, json_schema_extra={"examples": [EXAMPLES["Asked"]]})
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     @model_validator(mode="after")
     def _one_of_two(self) -> Asked:

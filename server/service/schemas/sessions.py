@@ -13,7 +13,7 @@ from server.service.web.examples import EXAMPLES
 Span = Annotated[tuple[float, float], Field(strict=False, description="[start, end] in s of the session's readings.")]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Reason = Annotated[str, Field(min_length=1, max_length=2000)]
-CASE, DOCUMENT = EXAMPLES["NewCase"], EXAMPLES["NewSession"]
+CASE, DOCUMENT = EXAMPLES["NewCase"]["case"], EXAMPLES["NewSession"]["document"]
 
 
 class NewSession(Form):
@@ -53,6 +53,13 @@ class SessionImported(SessionShown):
     """A session whose folder was sent."""
 
     already_there: bool = Field(description="Whether the very same folder was kept before.")
+
+
+class SessionDocument(Shown):
+    """A bench-session/1."""
+
+    format: str
+    id: str
 
 
 class SessionListed(Shown):

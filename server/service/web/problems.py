@@ -16,7 +16,6 @@ from starlette.responses import Response
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
 from server.service.storage.checksums import DamagedError
-from server.service.web.examples import EXAMPLES
 
 PROBLEM = "application/problem+json"
 # Longer texts of a client's are not sent back, nor are longer parts of a problem.
@@ -30,7 +29,7 @@ _ELSEWHERE = "Look how it is spelt, and ask for one that is there"
 class Problem(BaseModel):
     """A refusal or a failure."""
 
-    model_config = ConfigDict(extra="allow", json_schema_extra={"example": EXAMPLES["Problem"]})
+    model_config = ConfigDict(extra="allow")
 
     type: str = "about:blank"
     title: str = Field(description="What the status means.")

@@ -62,6 +62,22 @@ def test_every_answer_names_its_schema(document: Found) -> None:
     assert silent == []
 
 
+def test_every_body_has_an_example(document: Found) -> None:
+    """What is sent and what is answered as JSON, beside it or in its form among the components."""
+    sent = [
+        (where, content)
+        for where, operation in operations(document)
+        for kind, content in operation.get("requestBody", {}).get("content", {}).items()
+        if kind == "application/json"
+    ]
+    bare = [
+        where
+        for where, content in [*sent, *json_answers(document)]
+        if "example" not in content and not {"example", "examples"} & set(resolved(document, content))
+    ]
+    assert bare == []
+
+
 def json_answers(document: Found) -> Iterator[tuple[str, Found]]:
     """What every success of every operation answers as JSON."""
     for where, operation in operations(document):
