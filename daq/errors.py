@@ -30,7 +30,8 @@ class InputError(ValueError):
         parts = [found.rstrip(".")]
         if expected:
             parts.append(f"expected {expected.rstrip('.')}")
-        text = "; ".join(parts) + "."
+        text = "; ".join(parts)
+        text += "" if text.endswith("?") else "."
         if remedy:
             text += " " + remedy if remedy.endswith(("?", ".")) else f" {remedy}."
         super().__init__(" ".join(text.split()))

@@ -28,9 +28,14 @@ class Finding:
     where: str
     text: str
 
+    @property
+    def line(self) -> str:
+        """The place, where there is one, and the text."""
+        return f"{self.where}: {self.text}" if self.where else self.text
+
     def as_warning(self) -> dict[str, str]:
         """Return plain data, as every answer that judges a session carries it."""
-        return {"code": self.code, "place": self.where, "words": self.text}
+        return {"level": self.level, "code": self.code, "place": self.where, "words": self.text}
 
 
 def finding(level: Level, code: str, where: str, found: str, expected: str = "", remedy: str = "") -> Finding:
@@ -43,6 +48,12 @@ def warnings_by_session(found: Sequence[tuple[str, Sequence[Finding]]]) -> list[
     several = len(found) > 1
     warned = [(name, finding.as_warning()) for name, findings in found for finding in findings]
     return [w | {"place": f"{name}: {w['place']}"} if several else w for name, w in warned]
+
+
+def warning_line(warning: Mapping[str, Any]) -> str:
+    """Return a warning of an answer as a line that says whether it is an error; older answers do not know."""
+    level = "Error found by the check" if warning.get("level") == "error" else "Warning"
+    return f"{level}: {warning['place']}: {warning['words']}"
 
 
 @dataclass(frozen=True)

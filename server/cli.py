@@ -38,7 +38,7 @@ def check(session: Session, json: Json = None) -> None:
     """Validate a session: format, windows, plateaus, drift, saturation, gaps."""
     from server.commands.bench import check_session
 
-    raise typer.Exit(check_session(session, json))
+    check_session(session, json)
 
 
 @app.command(rich_help_panel=SESSION)
@@ -276,11 +276,12 @@ def export(
 @app.command(rich_help_panel=BEGIN)
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Write the reports in this folder.")] = Path("demo-output"),
+    json: Json = None,
 ) -> None:
     """Run the main job on shipped data: replay, check, compare, refit, and the falling error."""
     from server.commands.demo import run_demo
 
-    run_demo(out)
+    run_demo(out, json)
 
 
 def version(value: bool) -> None:

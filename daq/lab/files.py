@@ -201,7 +201,9 @@ class LabRecording:
             )
         return values, last.astype(np.int64)
 
-    def _fault(self, row: int, found: str, expected: str, remedy: str = "") -> ReadingsError:
+    def _fault(
+        self, row: int, found: str, expected: str, remedy: str = "Take it out, or export again"
+    ) -> ReadingsError:
         return ReadingsError(f"{self.source.path.name}: reading {row + 1}: {found}", expected, remedy)
 
 

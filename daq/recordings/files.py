@@ -268,6 +268,6 @@ def _is_sound(number: float, column: Column) -> bool:
 
 
 def _bad_number(source: ColumnFile, where: str, column: Column, found: str, number: float | None) -> ReadingsError:
-    remedy = "Write a decimal point, not a comma" if "," in found else ""
+    remedy = "Write a decimal point, not a comma" if "," in found else "Remove the row, or write what was read"
     expected = "a finite number" if number is None or not math.isfinite(number) else TELLABLE
     return ReadingsError(f"{source.path.name}: {where}, column {column.header.strip()} is {found}", expected, remedy)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
+from daq.findings import warning_line
 from daq.sessions.amendments import amended_line, listed
 from fingermodel.session import Session
 
@@ -39,7 +40,7 @@ def told_first(answer: Mapping[str, Any]) -> list[str]:
     told = {row["case"] for row in amendments if "excluded" in row["now"]}
     left_out = {case: why for case, why in (answer.get("excluded") or {}).items() if case not in told}
     return [
-        *(f"Warning: {w['place']}: {w['words']}" for w in answer.get("warnings") or ()),
+        *map(warning_line, answer.get("warnings") or ()),
         *(amended_line(row) for row in amendments),
         *(f"Left out {case}: {why}" for case, why in left_out.items()),
     ]

@@ -5,31 +5,42 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from daq.checks import measure_and_check
-from daq.findings import warnings_by_session
+from daq.errors import InputError
+from daq.findings import warning_line, warnings_by_session
 from daq.sessions import read_session, require_once
 from daq.signals.friction import friction
 from server.application.checking import check_whole
 from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
+    from daq.checks import CheckReport
     from daq.signals.friction_bands import BandMean, FrictionBand
 
 
-def check_session(session: str, json: str | None) -> int:
-    """Check a session; return the exit code: 2 where anything makes it unusable."""
+def check_session(session: str, json: str | None) -> None:
+    """Check a session and show what was found.
+
+    Raises:
+        InputError: anything makes it unusable; the answer has been given.
+    """
     with progress("Reading"):
         report = check_whole(session)
     body = report.as_dict()
-    code = 0 if report.ok else 2
-    if answer("check", {k: v for k, v in body.items() if k != "schema"}, json):
-        return code
+    if not answer("check", {k: v for k, v in body.items() if k != "schema"}, json):
+        _say_findings(session, report)
+    if not report.ok:
+        errors = len(report.errors)
+        raise InputError(
+            f"{session}: not usable; {errors} error{'s' * (errors != 1)}, the first: {report.errors[0].line}"
+        )
+
+
+def _say_findings(session: str, report: CheckReport) -> None:
     counts = {level: sum(f.level == level for f in report.findings) for level in ("error", "warning", "note")}
     verdict = "usable" if report.ok else "not usable"
     say(f"{session}: {verdict}; " + ", ".join(f"{n} {level}{'s' * (n != 1)}" for level, n in counts.items()))
     for finding in report.findings:
-        where = f"{finding.where}: " if finding.where else ""
-        say(f"{finding.level:8} {where}{finding.text}")
-    return code
+        say(f"{finding.level:8} {finding.line}")
 
 
 def friction_of(sessions: list[str], json: str | None) -> None:
@@ -43,7 +54,7 @@ def friction_of(sessions: list[str], json: str | None) -> None:
     if answer("friction", {k: v for k, v in body.items() if k != "schema"}, json):
         return
     for warning in warnings:
-        say(f"Warning: {warning['place']}: {warning['words']}")
+        say(warning_line(warning))
     # Sessions that only know loading need no word about it.
     told = bool(result.directions)
     table(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from daq.errors import InputError
 from fingertwin.client import Client
 from server.application.diagnosis_report import draw_diagnosis, draw_shared
 from server.commands.additions import print_history
-from server.commands.console import progress, say, table
+from server.commands.console import answer, progress, say, table
 from server.commands.log import replay_session
 from server.commands.pooling import say_shared
 
@@ -35,8 +36,19 @@ WORKERS = 2
 _STOP_S = 20.0
 
 
-def run_demo(out: Path) -> None:
-    """Stream a session with a hidden effect into the service, find and add it; then show what published ones share."""
+def run_demo(out: Path, json_file: str | None) -> None:
+    """Show the main job; where its answer goes to standard output, the story is left out."""
+    with redirect_stdout(io.StringIO()) if json_file == "-" else nullcontext():
+        body = _demo(out)
+    answer("demo", body, json_file)
+
+
+def _demo(out: Path) -> dict[str, Any]:
+    """Stream a session with a hidden effect into the service, find and add it; then show what published ones share.
+
+    Returns:
+        Answer of every step, each as its own command or request gives it.
+    """
     began = time.perf_counter()
     with TemporaryDirectory(prefix="fingertwin-demo-") as folder, service(Path(folder)) as url, Client(url) as twin:
         say(
@@ -51,12 +63,16 @@ def run_demo(out: Path) -> None:
             twin.upload(name)
         refit = twin.session(RECORDED).refit(model=None)
         together = twin.diagnose(PUBLISHED, model=None)
-        _story(twin, RECORDED, refit, out / "recorded")
+        steps = _story(twin, RECORDED, refit, out / "recorded")
         say("")
         say("2. Four published specimens (Synek et al. 2019): averaged forces of cadaver fingers, all loaded alike")
-        _together(together, out / "published")
-    say(f"Done in {time.perf_counter() - began:.0f} s. Open {out / 'recorded' / 'diagnose.html'}")
-    say(f"                and {out / 'published' / 'shared.html'} in a browser.")
+        shared = _together(together, out / "published")
+    seconds = time.perf_counter() - began
+    pages = out / "recorded" / "diagnose.html", out / "published" / "shared.html"
+    say(f"Done in {seconds:.0f} s. Open {pages[0]}")
+    say(f"                and {pages[1]} in a browser.")
+    recorded = {"check": report.as_dict()} | steps
+    return {"recorded": recorded, "published": shared, "pages": [str(p) for p in pages], "seconds": seconds}
 
 
 @contextmanager
@@ -101,7 +117,7 @@ def _address(process: subprocess.Popen[bytes], log: Path) -> str:
     raise InputError(f"the service has not started ({said[-1] if said else 'it said nothing'})", "a service that runs")
 
 
-def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> None:
+def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> dict[str, Any]:
     """Compare, refit, diagnose, add what was found (or what is likeliest), and show the error fall."""
     session = twin.session(name)
     first = session.compare(model=None)
@@ -131,9 +147,10 @@ def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> None:
     history: list[dict[str, Any]] = revision.body["history"]
     print_history(history)
     draw_diagnosis(finding.body, folder, history, static=False)
+    return {"compare": first.body, "refit": fit.body, "diagnose": finding.body, "revision": revision.body}
 
 
-def _together(job: Job[dict[str, Any]], folder: Path) -> None:
+def _together(job: Job[dict[str, Any]], folder: Path) -> dict[str, Any]:
     """Say what the specimens share that no effect describes, and what it is worth on the one left out."""
     with progress("Diagnosing four specimens, and what they share") as tell:
         body = job.result(lambda done, _: tell(done))
@@ -157,6 +174,7 @@ def _together(job: Job[dict[str, Any]], folder: Path) -> None:
                 "load by what the tip force changes, whatever that load lacks: another cause, which is not found."
             )
     draw_shared(body, folder, static=False)
+    return body
 
 
 def _to_add(finding: Finding) -> list[str]:

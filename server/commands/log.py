@@ -70,8 +70,13 @@ def list_drivers(json: str | None) -> None:
 
 
 @privately
-def log_cell(options: LogOptions, json: str | None) -> bool:
+def log_cell(options: LogOptions, json: str | None, command: str = "log") -> bool:
     """Log until the end is asked for, the time is over, or the recording is; return whether all is where it was sent.
+
+    Args:
+        options: of the log.
+        json: file of the answer.
+        command: that answers, a log or a replay.
 
     Raises:
         InputError: a setting, the port, the device or the journal cannot be used; what was logged is kept.
@@ -93,11 +98,13 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
         if options.protocol is not None or options.setup is not None or options.resume:
             log_bench(options, cell, acquisition, closed, json)
             return True
-        return _log_alone(options, options.out, acquisition, closed, json)
+        return _log_alone(options, options.out, acquisition, closed, json, command)
 
 
-def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed: Closed, json: str | None) -> bool:
-    """Log readings without a protocol; return whether all is where it was sent."""
+def _log_alone(
+    options: LogOptions, out: Path, acquisition: Acquisition, closed: Closed, json: str | None, command: str
+) -> bool:
+    """Log readings without a protocol, and answer as a command; return whether all is where it was sent."""
     cell = acquisition.cell
     about = about_cell(cell, options.cell)
     if cell.link in ("serial", "udp") and not {"serial", "calibration"} <= set(about):
@@ -120,7 +127,7 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed:
             told = logging.run(acquisition)
     # A journal that only passes through lies elsewhere, or nowhere, once this has ended.
     body = {"driver": cell.name, "journal": None if options.passing else str(journal.path), **told}
-    if not answer("log", body, json):
+    if not answer(command, body, json):
         where = f"{journal.path}   (fingertwin journal check {quoted(journal.path)})"
         if options.passing:
             where = f"{options.to} as session {options.session_name}" if delivery.whole else "not all sent"
@@ -297,7 +304,7 @@ def replay_session(
         # What goes to a service needs no folder of its own.
         target = out or (_free_folder(name) if to is None else Path(folder) / "replay")
         options = LogOptions("replay", port, None, settings, target, None, to=to, session=name, document=document)
-        if log_cell(replace(options, passing=out is None and to is not None), json):
+        if log_cell(replace(options, passing=out is None and to is not None), json, "replay"):
             return
         kept = target if out is not None else _kept(target, name)
         raise InputError(

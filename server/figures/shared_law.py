@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from daq.findings import warning_line
 from fingermodel.parameters import with_unit
 from server.figures import graph_objects as go
 from server.figures import marks
@@ -290,9 +291,8 @@ def shared_sections(answer: Answer) -> list[Section]:
         return plot_or_reason(name, lambda: draw(answer), caption)
 
     shared = part(answer, "shared")
-    warned = [f"{w.get('place')}: {w.get('words')}" for w in rows(answer, "warnings")]
     sentences = [
-        *warned,
+        *map(warning_line, rows(answer, "warnings")),
         str(answer.get("sentence") or ""),
         *(f"Short of more: {s}." for s in words(answer.get("short"))),
     ]

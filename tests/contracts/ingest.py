@@ -25,6 +25,7 @@ from daq.errors import JournalError
 from daq.uplink.wire import API, COUNT, EPOCH, SHA256, events_path, stream_path
 
 URL = "http://service"
+CURSOR = "fingertwin/cursor/1"
 DESCRIPTION = b'{"driver": "made"}'
 EPOCH_1, EPOCH_2 = "1" * 32, "2" * 32
 SCHEMA = """
@@ -234,7 +235,7 @@ class SmallReceiver:
         next_seq, ended, epoch = rows[0]
         query = "SELECT first_seq, n FROM chunks WHERE session = ? AND stream = ? ORDER BY first_seq"
         missing = _gaps(self._rows(query, session, stream))
-        return {"next_seq": next_seq, "missing": missing, "ended": bool(ended), "epoch": epoch}
+        return {"schema": CURSOR, "next_seq": next_seq, "missing": missing, "ended": bool(ended), "epoch": epoch}
 
     def _chunk(self, session: str, stream: str, number: str, body: bytes, headers: httpx.Headers) -> Any:
         first, digest = _number(number), _sound(body, headers)
@@ -271,7 +272,7 @@ class SmallReceiver:
     def _event_cursor(self, session: str, epoch: str) -> Any:
         query = "SELECT number, 1 FROM events WHERE session = ? AND epoch = ? ORDER BY number"
         rows = self._rows(query, session, epoch)
-        return {"next_seq": rows[-1][0] + 1 if rows else 0, "missing": _gaps(rows)}
+        return {"schema": CURSOR, "next_seq": rows[-1][0] + 1 if rows else 0, "missing": _gaps(rows)}
 
     def _event(self, session: str, epoch: str, number: str, body: bytes, headers: httpx.Headers) -> Any:
         digest = _sound(body, headers)

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.contracts.ingest import DESCRIPTION, EPOCH_1, EPOCH_2, Put, Receiver, SmallReceiver, made
+from tests.contracts.ingest import CURSOR, DESCRIPTION, EPOCH_1, EPOCH_2, Put, Receiver, SmallReceiver, made
 from tests.server.service.running import ServiceReceiver
 
 # A service joins by its name and a function from a folder to a receiver that keeps its data there.
@@ -36,9 +36,9 @@ def is_problem(answer: httpx.Response, status: int) -> bool:
 
 
 def test_a_chunk_is_stored_as_it_came_and_the_answer_says_how_far(put: Put) -> None:
-    assert put.cursor() == {"next_seq": 0, "missing": [], "ended": False, "epoch": None}
+    assert put.cursor() == {"schema": CURSOR, "next_seq": 0, "missing": [], "ended": False, "epoch": None}
     answer = put.chunk(made(0, 50))
-    assert answer.json() == {"next_seq": 50, "missing": [], "ended": False, "epoch": EPOCH_1}
+    assert answer.json() == {"schema": CURSOR, "next_seq": 50, "missing": [], "ended": False, "epoch": EPOCH_1}
     assert put.chunk(made(50, 30)).json()["next_seq"] == 80
     assert put.stored() == [made(0, 50).to_bytes(), made(50, 30).to_bytes()]
 
@@ -116,7 +116,13 @@ def test_any_order_is_taken_and_gaps_are_listed(put: Put) -> None:
 def test_an_empty_chunk_ends_a_stream_once(put: Put) -> None:
     put.chunk(made(0, 50))
     for _ in range(2):
-        assert put.chunk(made(50, 0)).json() == {"next_seq": 50, "missing": [], "ended": True, "epoch": EPOCH_1}
+        assert put.chunk(made(50, 0)).json() == {
+            "schema": CURSOR,
+            "next_seq": 50,
+            "missing": [],
+            "ended": True,
+            "epoch": EPOCH_1,
+        }
     assert is_problem(put.chunk(made(50, 10)), 409)
     assert put.stored() == [made(0, 50).to_bytes(), made(50, 0).to_bytes()]
 
@@ -127,7 +133,11 @@ def test_all_that_was_answered_is_there_after_a_kill(put: Put) -> None:
     put.event(0, b'{"kind":"mark"}')
     before = put.cursor()
     put.receiver.restart()
-    assert put.cursor() == before == {"next_seq": 150, "missing": [[50, 100]], "ended": False, "epoch": EPOCH_1}
+    assert (
+        put.cursor()
+        == before
+        == {"schema": CURSOR, "next_seq": 150, "missing": [[50, 100]], "ended": False, "epoch": EPOCH_1}
+    )
     assert put.event_cursor()["next_seq"] == 1
     assert put.chunk(made(0, 50)).is_success
     assert is_problem(put.chunk(made(0, 50, salt=1)), 409)
@@ -163,9 +173,9 @@ def test_a_stream_is_described_once(put: Put) -> None:
 
 
 def test_events_are_kept_by_epoch_and_number(put: Put) -> None:
-    assert put.event_cursor() == {"next_seq": 0, "missing": []}
+    assert put.event_cursor() == {"schema": CURSOR, "next_seq": 0, "missing": []}
     bodies = {n: json.dumps({"kind": "mark", "value": {"n": n}}).encode() for n in range(3)}
-    assert put.event(2, bodies[2]).json() == {"next_seq": 3, "missing": [[0, 2]]}
+    assert put.event(2, bodies[2]).json() == {"schema": CURSOR, "next_seq": 3, "missing": [[0, 2]]}
     assert put.event(0, bodies[0]).json()["missing"] == [[1, 2]]
     assert put.event(0, bodies[0]).json()["missing"] == [[1, 2]]
     assert is_problem(put.event(0, bodies[1]), 409)

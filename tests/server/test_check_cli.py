@@ -10,6 +10,7 @@ import pytest
 
 from daq.locations import data_dir
 from daq.sessions import session_names
+from server.application.provenance import told_first
 from tests.server.command_line import (
     H01,
     RAW,
@@ -38,9 +39,17 @@ def test_every_shipped_session_is_usable(session: str) -> None:
 
 
 def checked(session: Path) -> tuple[int, set[tuple[str, str]]]:
+    """Levels and codes; of a session that cannot be used, one line on stderr tells the first error."""
     answer = run("check", session, "--json", "-")
-    assert answer.err == ""
-    return answer.code, {(f["level"], f["code"]) for f in strict(answer.out, "check")["findings"]}
+    body = strict(answer.out, "check")
+    if answer.code:
+        first = body["findings"][0]
+        assert answer.err.startswith(f"fingertwin: {session}: not usable; {body['errors']} error")
+        assert answer.err.endswith(f"{first['text']}\n")
+        assert answer.err.count("\n") == 1
+    else:
+        assert answer.err == ""
+    return answer.code, {(f["level"], f["code"]) for f in body["findings"]}
 
 
 @pytest.mark.parametrize(
@@ -201,6 +210,20 @@ def test_friction_says_first_what_the_check_warns_of(tmp_path: Path) -> None:
     assert [w["code"] for w in body["warnings"]].count("wrong_sign") == 3
     assert {w["place"].split(": ")[0] for w in body["warnings"] if w["code"] == "wrong_sign"} == {"synek2019_H01"}
     assert run("friction", H01, "--json", "-").body("friction")["warnings"] == []
+
+
+def test_an_error_of_the_check_is_told_from_a_warning_in_every_answer(tmp_path: Path) -> None:
+    window = altered(tmp_path, lambda d: first_case(loaded_s=d["cases"][0]["unloaded_s"])(d), RAW)
+    found = strict(run("check", window, "--json", "-").out, "check")["findings"]
+    body = run("friction", window, "--json", "-").body("friction")
+    levels = [(w["level"], w["code"]) for w in body["warnings"]]
+    assert "error" in {level for level, _ in levels}
+    assert levels == [(f["level"], f["code"]) for f in found if f["level"] != "note"]
+    assert "Error found by the check: case c001" in run("friction", window).out
+    lines = told_first(body)
+    assert sum(line.startswith("Error found by the check: ") for line in lines) == len(
+        [x for x in levels if x[0] == "error"]
+    )
 
 
 def test_friction_without_a_pair(tmp_path: Path) -> None:

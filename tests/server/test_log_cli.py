@@ -175,6 +175,13 @@ def test_a_recording_is_logged_as_it_is(
     code, text, err = run(capsys, monkeypatch, *again, "--set", "speed=0", "--json", "-")
     assert code == 0, err
     assert json.loads(text)["samples"] == 3000
+    # So can the recording, by the command of that name, which answers as that command.
+    again = ["replay", str(recording), "--speed", "max", "--out", str(out / "3"), "--json", "-"]
+    code, text, err = run(capsys, monkeypatch, *again)
+    assert code == 0, err
+    replayed = json.loads(text)
+    assert replayed["schema"] == "fingertwin/replay/1"
+    assert [replayed[key] for key in ("driver", "samples", "rate_hz")] == [told["driver"], 3000, told["rate_hz"]]
 
 
 @pytest.mark.parametrize(

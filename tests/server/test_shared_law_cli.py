@@ -111,9 +111,9 @@ def test_the_report_shows_curve_chance_and_laws(told: tuple[Path, dict[str, Any]
 
 
 def test_its_warnings_stand_above_the_verdict() -> None:
-    warning = {"code": "one_specimen", "place": "A1, A2", "words": "sessions of one specimen, A"}
+    warning = {"level": "warning", "code": "one_specimen", "place": "A1, A2", "words": "sessions of one specimen, A"}
     first = shared_sections({"sentence": "Undecided.", "warnings": [warning]})[0]
-    assert first.parts[:2] == ["A1, A2: sessions of one specimen, A", "Undecided."]
+    assert first.parts[:2] == ["Warning: A1, A2: sessions of one specimen, A", "Undecided."]
 
 
 @pytest.mark.parametrize(

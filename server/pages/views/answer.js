@@ -65,7 +65,7 @@ export function answer(job, { session, model, add, amend, amendBlocks, keep, pla
 
 // What has to be known before a result: warnings of the check, and what was amended.
 export function before(body) {
-  const warned = (body.warnings || []).map((w) => el("p", { class: "warn" }, `${w.place}: ${w.words}`));
+  const warned = (body.warnings || []).map((w) => el("p", { class: w.level === "error" ? "bad" : "warn" }, w.level === "error" ? "Error found by the check: " : "", `${w.place}: ${w.words}`));
   const amended = (body.amendments || []).map((a) => el("p", {}, `${a.case} is amended: ${a.words}. ${a.why}`));
   return warned.length || amended.length ? panel("Before you read on", warned, amended) : null;
 }

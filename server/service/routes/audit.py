@@ -11,7 +11,7 @@ from pydantic import Field
 
 from server.service.answers import JsonAnswer
 from server.service.routes.exports import files
-from server.service.schemas.common import Plain, Shown, documented
+from server.service.schemas.common import Answered, Plain, Shown, documented
 from server.service.services import of
 from server.service.storage.audit import entries, faults_of
 from server.service.web.strict_requests import StrictRoute
@@ -33,7 +33,7 @@ class EntryShown(Shown):
     sha256: str = Field(description="Of all the rest of the entry.")
 
 
-class Trail(Shown):
+class Trail(Answered):
     """Changes, oldest first."""
 
     entries: list[EntryShown]
@@ -54,7 +54,9 @@ def listed(
     """List changes with who asked for them; nothing is ever removed from them."""
     database = of(request).database
     found: list[dict[str, Any]] = [asdict(e) for e in entries(database, session, after, limit)]
-    return JsonAnswer({"entries": found, "faults": faults_of(database) if check else None})
+    return JsonAnswer(
+        {"schema": "fingertwin/audit/1", "entries": found, "faults": faults_of(database) if check else None}
+    )
 
 
 @router.get("/export", response_class=Response, responses=files(["jsonl"], "The trail, an entry a line."))

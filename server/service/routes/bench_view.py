@@ -11,14 +11,13 @@ from server.service.schemas.bench_view import BenchShown, FingerDrawn
 from server.service.schemas.common import InCase, ModelName, Posture, SessionId, documented
 from server.service.services import of
 from server.service.sessions.bench_view import bench_view
-from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import ReadingRoute, StrictRoute
 
 states = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
 drawn = APIRouter(route_class=ReadingRoute, prefix="/sessions/{session}/bench", tags=["bench"])
 
 
-@states.get("/state", responses=documented(BenchShown, example=EXAMPLES["BenchShown"]))
+@states.get("/state", responses=documented(BenchShown))
 def state(session: SessionId, request: Request) -> JsonAnswer:
     """Return how a bench stands: its steps, what to do now, the tare in force and its drift, and what is wrong now.
 
@@ -31,7 +30,7 @@ def state(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer(out | {"control": connected[0]["body"] if connected else None})
 
 
-@drawn.get("/finger", responses=documented(FingerDrawn, example=EXAMPLES["FingerDrawn"]))
+@drawn.get("/finger", responses=documented(FingerDrawn))
 def finger(
     session: SessionId, request: Request, posture: Posture = None, case: InCase = None, model: ModelName = None
 ) -> JsonAnswer:

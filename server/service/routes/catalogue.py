@@ -10,7 +10,7 @@ from pydantic import Field
 
 from daq.sessions.protocols import plan, protocol_names, read_protocol
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import Form, Plain, Shown, documented
+from server.service.schemas.common import Answered, Form, Plain, Shown, documented
 from server.service.services import of
 from server.service.web.examples import EXAMPLES
 from server.service.web.problems import not_found
@@ -46,7 +46,11 @@ class EffectShown(Shown):
     parameters: list[EffectParameter]
 
 
-class EffectList(Shown):
+class EffectRead(EffectShown, Answered):
+    """One effect."""
+
+
+class EffectList(Answered):
     """The catalogue, then users' own effects."""
 
     effects: list[EffectShown]
@@ -60,7 +64,7 @@ class NewEffect(Form):
         Plain | None,
         Field(
             description="Name, title, formulas, parameters with units and ranges.",
-            examples=[EXAMPLES["NewEffect"]],
+            examples=[EXAMPLES["NewEffect"]["document"]],
         ),
     ] = None
 
@@ -75,7 +79,14 @@ class Named(Shown):
     name: str
 
 
-class ProtocolList(Shown):
+class ProtocolRead(Named, Answered):
+    """A protocol with its load cases in order."""
+
+    document: Plain = Field(description="protocol/1.")
+    cases: list[Plain] = Field(description="Load cases, repeats at the end.")
+
+
+class ProtocolList(Answered):
     """Bench protocols that come with the software."""
 
     protocols: list[Named]
@@ -87,23 +98,23 @@ def effects(request: Request) -> JsonAnswer:
     return JsonAnswer({"schema": "fingertwin/effects/1", "effects": of(request).effects.shown()})
 
 
-@router.get("/effects/{name}", responses=documented(EffectShown))
+@router.get("/effects/{name}", responses=documented(EffectRead))
 def effect(name: Name, request: Request) -> JsonAnswer:
     """Return one effect."""
-    return JsonAnswer(of(request).effects.one(name))
+    return _one_effect(of(request).effects.one(name))
 
 
-@router.post("/effects", status_code=201, responses=documented(EffectShown, status=201) | {200: {"model": EffectShown}})
+@router.post("/effects", status_code=201, responses=documented(EffectRead, status=201) | {200: {"model": EffectRead}})
 def add_effect(body: NewEffect, request: Request) -> JsonAnswer:
     """Keep an effect of one's own: a formula on a whitelist, which is parsed and never run as code."""
     shown, new = of(request).effects.add(body.given())
-    return JsonAnswer(shown, 201 if new else 200)
+    return _one_effect(shown, 201 if new else 200)
 
 
-@router.post("/effects/check", responses=documented(EffectShown))
+@router.post("/effects/check", responses=documented(EffectRead))
 def check_effect(body: NewEffect, request: Request) -> JsonAnswer:
     """Say what an effect of one's own would be, without keeping it."""
-    return JsonAnswer(of(request).effects.check(body.given()))
+    return _one_effect(of(request).effects.check(body.given()))
 
 
 @router.get("/protocols", responses=documented(ProtocolList))
@@ -114,14 +125,19 @@ def protocols() -> JsonAnswer:
         protocol = read_protocol(name)
         planned, seconds = plan(protocol)
         rows.append({"name": name, "title": protocol.title, "cases": len(planned), "seconds": seconds})
-    return JsonAnswer({"protocols": rows})
+    return JsonAnswer({"schema": "fingertwin/protocols/1", "protocols": rows})
 
 
-@router.get("/protocols/{name}", responses=documented(Named))
+@router.get("/protocols/{name}", responses=documented(ProtocolRead))
 def protocol(name: Name) -> JsonAnswer:
     """Return a bench protocol with its load cases in order."""
     if name not in protocol_names():
         raise not_found("protocol", name, "/api/v1/protocols")
     found = read_protocol(name)
     cases = [asdict(c) for c in plan(found)[0]]
-    return JsonAnswer({"name": name, "document": found.model_dump(mode="json"), "cases": cases})
+    head = {"schema": "fingertwin/protocol/1", "name": name}
+    return JsonAnswer(head | {"document": found.model_dump(mode="json"), "cases": cases})
+
+
+def _one_effect(shown: dict[str, Any], status: int = 200) -> JsonAnswer:
+    return JsonAnswer({"schema": "fingertwin/effect/1"} | shown, status)

@@ -15,6 +15,7 @@ from server.service.schemas.common import ModelName, RevisionId, SessionId, Show
 from server.service.schemas.figures import PlotlyFigure
 from server.service.services import of
 from server.service.web.downloads import FileAnswer, attachment, download
+from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import ReadingRoute
 from server.service.web.workers import run
 
@@ -101,7 +102,9 @@ def files(formats: Iterable[str], description: str) -> dict[int | str, dict[str,
     binary, plain = {"type": "string", "format": "binary"}, {"type": "object"}
     # What such a client reads of them is an object and no text.
     read = ("application/json", "application/yaml")
-    content = {k: {"schema": plain if k in read else binary} for k in dict.fromkeys(MEDIA[f] for f in formats)}
+    content: dict[str, Any] = {k: {"schema": plain if k in read else binary} for k in (MEDIA[f] for f in formats)}
+    if read[0] in content:
+        content[read[0]]["example"] = EXAMPLES["Columns"]
     disposition = {"description": "attachment, with a file name", "schema": {"type": "string"}}
     answer = {"description": description, "content": content, "headers": {"Content-Disposition": disposition}}
     return {**{k: v for k, v in documented(Shown).items() if k != 200}, 200: answer}

@@ -34,7 +34,6 @@ from server.service.schemas.common import InCase, Matched, ModelName, Posture, d
 from server.service.schemas.figures import FigureList, FigureShown
 from server.service.services import Services, of
 from server.service.sessions.blinding import blinded, require_closed, seen
-from server.service.web.examples import EXAMPLES
 from server.service.web.problems import ProblemError, not_found
 from server.service.web.strict_requests import ReadingRoute
 
@@ -87,14 +86,14 @@ OfRevision = Annotated[str | None, Query(max_length=200, description="Id of a re
 OfSpecimen = Annotated[str | None, Query(max_length=200, description="Or a specimen, whose revision is in force.")]
 OnPage = Annotated[Theme, Query(description="Colours for a light or a dark page.")]
 
-_DRAWN = documented(FigureShown, example=EXAMPLES["FigureShown"]) | {304: {"description": "Not Modified"}}
+_DRAWN = documented(FigureShown) | {304: {"description": "Not Modified"}}
 
 
 @router.get("", responses=documented(FigureList))
 def listed() -> JsonAnswer:
     """List the figures: what each needs, and its query parameters."""
     rows = [_listed(kind, name) for kind, told in _LISTED.items() for name in told["figures"]]
-    return JsonAnswer({"figures": rows})
+    return JsonAnswer({"schema": "fingertwin/figures/1", "figures": rows})
 
 
 @router.get("/comparison/{name}", responses=_DRAWN)

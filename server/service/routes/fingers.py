@@ -31,7 +31,6 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.web.downloads import attachment
-from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import ApartRoute, ReadingRoute
 
 quick = APIRouter(route_class=ReadingRoute, prefix="/fingers", tags=["fingers"])
@@ -47,7 +46,7 @@ Format = Annotated[
 
 @quick.get(
     "",
-    responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [EXAMPLES["FingerShown"]]}),
+    responses=documented(FingerList),
 )
 def listed() -> JsonAnswer:
     """List the fingers that come with the software: bones, joints, tendons, what they are judged in."""
@@ -59,7 +58,7 @@ def listed() -> JsonAnswer:
 def one(finger: Name) -> JsonAnswer:
     """Return a finger with every number and its source."""
     shown = finger_shown(known_finger(finger))
-    return JsonAnswer(shown | {"document": read_finger(finger).document})
+    return JsonAnswer({"schema": "fingertwin/finger/1"} | shown | {"document": read_finger(finger).document})
 
 
 @slow.get("/{finger}/formats", responses=documented(FingerFormats))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 
 from fingermodel.diagnosis.several_sessions.independence import require_apart
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import Form, Limit, RevisionId, SessionId, Shown, documented
+from server.service.schemas.common import Form, Limit, RevisionId, SessionId, documented
 from server.service.schemas.fits import (
     AskedAddition,
     AskedDiagnosis,
@@ -18,8 +18,9 @@ from server.service.schemas.fits import (
     AskedPooled,
     AskedPopulation,
     Restored,
+    RevisionDocument,
     RevisionList,
-    RevisionShown,
+    RevisionRead,
     RevisionWhole,
     SpecimenList,
 )
@@ -62,7 +63,7 @@ def session_revisions(session: SessionId, request: Request, limit: Limit = 100, 
     parts = of(request)
     parts.sessions.version(session)
     rows = parts.revisions.listed(session=session, limit=limit, after=after)
-    return JsonAnswer({"revisions": rows, "next": rows[-1]["id"] if len(rows) == limit else None})
+    return _revisions(rows, limit)
 
 
 @router.post("/sessions/{session}/diagnoses", status_code=202, responses=_ACCEPTED)
@@ -110,32 +111,32 @@ def revisions(
 ) -> JsonAnswer:
     """List revisions, oldest first."""
     rows = of(request).revisions.listed(specimen, None, limit, after)
-    return JsonAnswer({"revisions": rows, "next": rows[-1]["id"] if len(rows) == limit else None})
+    return _revisions(rows, limit)
 
 
 @router.get("/revisions/{revision}", responses=documented(RevisionWhole))
 def revision(revision: RevisionId, request: Request) -> JsonAnswer:
     """Return a revision: what was added and why, errors before and after, its document, and what it came from."""
-    return JsonAnswer(of(request).revisions.read(revision))
+    return JsonAnswer({"schema": "fingertwin/revision/1"} | of(request).revisions.read(revision))
 
 
-@router.get("/revisions/{revision}/document", responses=documented(Shown))
+@router.get("/revisions/{revision}/document", responses=documented(RevisionDocument))
 def revision_document(revision: RevisionId, request: Request) -> JsonAnswer:
     """Return a revision as a file that `fingertwin compare --model` takes."""
     found = of(request).revisions.read(revision)["document"]
     return JsonAnswer(found, headers={"Content-Disposition": 'attachment; filename="revision.json"'})
 
 
-@router.post("/revisions/{revision}/restore", responses=documented(RevisionShown))
+@router.post("/revisions/{revision}/restore", responses=documented(RevisionRead))
 def restore(revision: RevisionId, body: Restored, request: Request) -> JsonAnswer:
     """Put an older revision in force again; nothing is overwritten by it."""
-    return JsonAnswer(of(request).revisions.restore(revision, body.why))
+    return JsonAnswer({"schema": "fingertwin/revision/1"} | of(request).revisions.restore(revision, body.why))
 
 
 @router.get("/specimens", responses=documented(SpecimenList))
 def specimens(request: Request) -> JsonAnswer:
     """List specimens with the revision that stands for each, and those that did before."""
-    return JsonAnswer({"specimens": of(request).revisions.specimens()})
+    return JsonAnswer({"schema": "fingertwin/specimens/1", "specimens": of(request).revisions.specimens()})
 
 
 def _submitted(request: Request, kind: str, session: str | None, body: Form, used: Sequence[str] = ()) -> JsonAnswer:
@@ -156,6 +157,11 @@ def _submitted(request: Request, kind: str, session: str | None, body: Form, use
     asked = given if session is None else given | {"session": session}
     job = parts.jobs.submit(kind, session, asked, timeout_s)
     return JsonAnswer(job.as_dict(), 202, {"Location": f"/api/v1/jobs/{job.id}"})
+
+
+def _revisions(rows: list[dict[str, Any]], limit: int) -> JsonAnswer:
+    last = rows[-1]["id"] if len(rows) == limit else None
+    return JsonAnswer({"schema": "fingertwin/revisions/1", "revisions": rows, "next": last})
 
 
 def _listed(parts: Services, session: str, kinds: tuple[str, ...], limit: int, after: str | None) -> JsonAnswer:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from fastapi import APIRouter, Request
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 from starlette.responses import Response
 
 from server.service.operation.health import Health, HealthAnswer
@@ -22,12 +22,14 @@ metrics_router = APIRouter(tags=["health"])
 class Live(BaseModel):
     """Sign that the service runs."""
 
+    schema_: Literal["fingertwin/live/1"] = Field(default="fingertwin/live/1", serialization_alias="schema")
     live: Literal[True] = True
 
 
 class Ready(BaseModel):
     """Sign that the service takes requests."""
 
+    schema_: Literal["fingertwin/ready/1"] = Field(default="fingertwin/ready/1", serialization_alias="schema")
     ready: Literal[True] = True
 
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from daq.uplink.wire import COUNT, EPOCH, SHA256
 from server.service.answers import JsonAnswer
 from server.service.ingest.ingest import Sent
-from server.service.schemas.common import SessionId, Shown, documented
+from server.service.schemas.common import Answered, SessionId, documented
 from server.service.services import of
 from server.service.web.strict_requests import IngestRoute
 from server.service.web.workers import run
@@ -26,7 +26,7 @@ SentEpoch = Annotated[str, Header(alias=EPOCH, description="History of the journ
 SentCount = Annotated[int, Header(alias=COUNT, ge=0, le=1 << 20, description="Samples in the chunk.")]
 
 
-class StreamCursor(Shown):
+class StreamCursor(Answered):
     """Progress of a stream."""
 
     next_seq: int = Field(description="Number of the sample after the last that is stored; 0 where none is.")
@@ -35,7 +35,7 @@ class StreamCursor(Shown):
     epoch: str | None = Field(description="History of the journal that wrote to it last.")
 
 
-class EventCursor(Shown):
+class EventCursor(Answered):
     """Stored events of an epoch."""
 
     next_seq: int = Field(description="Number of the event after the last that is stored.")
@@ -76,13 +76,13 @@ def _body(kind: str, text: str, example: Any = None, schema: dict[str, Any] | No
 async def describe(session: SessionId, stream: Stream, request: Request) -> JsonAnswer:
     """Say what a stream is, before its first chunk."""
     body = await request.body()
-    return JsonAnswer(await run("ingest", of(request).ingest.describe, session, stream, body))
+    return _cursor(await run("ingest", of(request).ingest.describe, session, stream, body))
 
 
 @router.get("/streams/{stream}/cursor", responses=documented(StreamCursor))
 def cursor(session: SessionId, stream: Stream, request: Request) -> JsonAnswer:
     """Return how far a stream is, and what is missing of it."""
-    return JsonAnswer(of(request).ingest.cursor(session, stream))
+    return _cursor(of(request).ingest.cursor(session, stream))
 
 
 @router.put(
@@ -107,13 +107,13 @@ async def put_chunk(
     """
     sent = Sent(await request.body(), sha256, epoch)
     ingest = of(request).ingest
-    return JsonAnswer(await run("ingest", ingest.put_chunk, session, stream, first_seq, count, sent))
+    return _cursor(await run("ingest", ingest.put_chunk, session, stream, first_seq, count, sent))
 
 
 @router.get("/events/{epoch}/cursor", responses=documented(EventCursor))
 def event_cursor(session: SessionId, epoch: Epoch, request: Request) -> JsonAnswer:
     """Return which events of an epoch are stored."""
-    return JsonAnswer(of(request).ingest.event_cursor(session, epoch))
+    return _cursor(of(request).ingest.event_cursor(session, epoch))
 
 
 @router.put(
@@ -132,4 +132,8 @@ async def put_event(
 ) -> JsonAnswer:
     """Store an event under its number: gap, tare, case, note, and so on. The same again is a success."""
     sent = Sent(await request.body(), sha256, sent_epoch)
-    return JsonAnswer(await run("ingest", of(request).ingest.put_event, session, epoch, number, sent))
+    return _cursor(await run("ingest", of(request).ingest.put_event, session, epoch, number, sent))
+
+
+def _cursor(found: dict[str, Any]) -> JsonAnswer:
+    return JsonAnswer({"schema": "fingertwin/cursor/1"} | found)

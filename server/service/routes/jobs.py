@@ -28,7 +28,9 @@ def listed(
 ) -> JsonAnswer:
     """List jobs, newest first, without their results."""
     rows = [job.as_dict() for job in of(request).jobs.list(session, state, limit, after)]
-    return JsonAnswer({"jobs": rows, "next": rows[-1]["id"] if len(rows) == limit else None})
+    return JsonAnswer(
+        {"schema": "fingertwin/jobs/1", "jobs": rows, "next": rows[-1]["id"] if len(rows) == limit else None}
+    )
 
 
 @router.get("/{job}", responses=documented(JobShown))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from fastapi import APIRouter, Request
 from pydantic import ConfigDict, Field
 from starlette.responses import Response
@@ -31,6 +33,9 @@ class BenchCommand(Form):
 class Done(Shown):
     """Command that the bench has carried out; its results follow as events."""
 
+    schema_: Literal["fingertwin/bench-command/1"] = Field(
+        default="fingertwin/bench-command/1", serialization_alias="schema"
+    )
     session: str
     command: str
 

@@ -14,8 +14,8 @@ from daq.signals.friction import friction as balance
 from fingermodel.predicting import Predictor
 from fingermodel.predicting import predict as evaluate
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import Matched, ModelName, SessionId, Shown, documented
-from server.service.schemas.predictions import Asked, Compared, Predicted
+from server.service.schemas.common import Matched, ModelName, SessionId, documented
+from server.service.schemas.predictions import Asked, Compared, Friction, Predicted
 from server.service.services import of
 from server.service.web.problems import ProblemError
 from server.service.web.strict_requests import AskingRoute
@@ -65,7 +65,7 @@ def compare(session: SessionId, request: Request, model: ModelName = None, match
     return of(request).models.comparison(session, model).answer(matched)
 
 
-@router.get("/friction", tags=["friction"], responses=documented(Shown))
+@router.get("/friction", tags=["friction"], responses=documented(Friction))
 def friction(
     request: Request,
     session: Annotated[list[str], Query(min_length=1, max_length=50, description="One or more sessions.")],

@@ -123,7 +123,14 @@ def event_list(
                 break
     more = len(rows) > limit
     rows = rows[:limit]
-    return JsonAnswer({"session": session, "events": rows, "next": rows[-1]["arrival"] if more else None})
+    return JsonAnswer(
+        {
+            "schema": "fingertwin/events/1",
+            "session": session,
+            "events": rows,
+            "next": rows[-1]["arrival"] if more else None,
+        }
+    )
 
 
 def _shown(window: Window, stream: str) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from server.service.schemas.sessions import (
     Amended,
     AmendedBlocks,
     CaseList,
-    CaseShown,
+    CaseRead,
     Checklist,
     Edited,
     EditList,
@@ -28,6 +28,7 @@ from server.service.schemas.sessions import (
     NewSession,
     Nothing,
     Proposal,
+    SessionDocument,
     SessionImported,
     SessionList,
     SessionShown,
@@ -72,7 +73,9 @@ def listed(
 ) -> JsonAnswer:
     """List sessions in the order of their ids."""
     rows = of(request).sessions.listed(specimen, limit, after)
-    return JsonAnswer({"sessions": rows, "next": rows[-1]["id"] if len(rows) == limit else None})
+    return JsonAnswer(
+        {"schema": "fingertwin/sessions/1", "sessions": rows, "next": rows[-1]["id"] if len(rows) == limit else None}
+    )
 
 
 @kept.get("/{session}", responses=documented(SessionShown))
@@ -81,7 +84,7 @@ def read(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer(shown_session(of(request), session))
 
 
-@kept.get("/{session}/document", responses=documented(Shown))
+@kept.get("/{session}/document", responses=documented(SessionDocument))
 def document(session: SessionId, request: Request) -> JsonAnswer:
     """Return the session as bench-session/1, edits included."""
     return JsonAnswer(of(request).sessions.read(session).require_document())
@@ -108,7 +111,8 @@ def cases(session: SessionId, request: Request) -> JsonAnswer:
     parts = of(request)
     measured = parts.measuring.of(session)
     bodies = case_bodies(measured, parts.models)
-    return JsonAnswer({"session": session, "version": measured.record.version, "cases": bodies})
+    head = {"schema": "fingertwin/cases/1", "session": session, "version": measured.record.version}
+    return JsonAnswer(head | {"cases": bodies})
 
 
 @kept.get("/{session}/checklist", responses=documented(Checklist))
@@ -116,7 +120,9 @@ def checklist(session: SessionId, request: Request) -> JsonAnswer:
     """Return the steps of the protocol that a bench follows; of a document, its cases; and then what is proposed."""
     record = of(request).sessions.read(session)
     steps = [*steps_of(record), *planned_steps(record)]
-    return JsonAnswer({"session": session, "version": record.version, "steps": steps})
+    return JsonAnswer(
+        {"schema": "fingertwin/checklist/1", "session": session, "version": record.version, "steps": steps}
+    )
 
 
 @kept.post("/{session}/planned", status_code=201, responses=documented(Edited, status=201))
@@ -160,10 +166,10 @@ async def imported(parts: Services, take_in: Callable[..., tuple[str, bool]], *g
     return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
 
 
-@kept.get("/{session}/cases/{case}", responses=documented(CaseShown))
+@kept.get("/{session}/cases/{case}", responses=documented(CaseRead))
 def one_case(session: SessionId, case: CaseId, request: Request) -> JsonAnswer:
     """Return one load case."""
-    return JsonAnswer(_case(of(request), session, case))
+    return JsonAnswer({"schema": "fingertwin/case/1"} | _case(of(request), session, case))
 
 
 @kept.post("/{session}/cases", status_code=201, responses=documented(Edited, status=201))
@@ -234,7 +240,7 @@ def edit_list(session: SessionId, request: Request) -> JsonAnswer:
     record = of(request).sessions.read(session)
     undone = undone_edits(record.edits)
     rows = [e.as_dict() | {"in_force": e.number not in undone} for e in record.edits]
-    return JsonAnswer({"session": session, "version": record.version, "edits": rows})
+    return JsonAnswer({"schema": "fingertwin/edits/1", "session": session, "version": record.version, "edits": rows})
 
 
 @kept.post("/{session}/edits/{edit}/undo", responses=documented(Edited))
@@ -271,8 +277,8 @@ def _edited(
 def _edit_answer(
     parts: Services, session: str, number: int, case: dict[str, Any] | None = None, status: int = 200
 ) -> JsonAnswer:
-    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": case}
-    return JsonAnswer(answer, status)
+    head = {"schema": "fingertwin/edit/1", "session": session, "version": parts.sessions.version(session)}
+    return JsonAnswer(head | {"edit": number, "case": case}, status)
 
 
 def _case(parts: Services, session: str, case: str) -> dict[str, Any]:
@@ -300,6 +306,7 @@ def shown_session(parts: Services, session: str) -> dict[str, Any]:
     known = record.document or {}
     states = [s.state for s in measured.states.values()]
     return {
+        "schema": "fingertwin/session/1",
         "id": session,
         **{name: getattr(record, name) for name in ("version", "source", "closed", "created_utc")},
         "specimen": (known.get("specimen") or {}).get("id"),

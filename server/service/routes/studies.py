@@ -13,7 +13,6 @@ from server.service.schemas.common import documented
 from server.service.schemas.jobs import JobShown
 from server.service.schemas.studies import AskedReproduction, StudyComputed, StudyList
 from server.service.services import of
-from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/studies", tags=["studies"])
@@ -21,9 +20,7 @@ router = APIRouter(route_class=StrictRoute, prefix="/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="Of the study.", examples=["synek2019"])]
 
 
-@router.get(
-    "", responses=documented(StudyList, example={"schema": "fingertwin/studies/1", "studies": [EXAMPLES["StudyShown"]]})
-)
+@router.get("", responses=documented(StudyList))
 def listed(request: Request) -> JsonAnswer:
     """List the published studies that can be computed."""
     return JsonAnswer({"schema": "fingertwin/studies/1", "studies": [_shown(request, s) for s in STUDIES]})

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from server.service.schemas.common import Shown, Vector
+from server.service.schemas.common import Answered, Shown, Vector
 
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
@@ -81,7 +81,7 @@ class WarningShown(Shown):
     at_s: float
 
 
-class BenchShown(Shown):
+class BenchShown(Answered):
     """State of a bench."""
 
     session: str
@@ -148,7 +148,7 @@ class PlaceDrawn(Shown):
     from_cell: Matrix = Field(description="Takes a force in the cell's own axes, tare removed, there; no unit.")
 
 
-class FingerDrawn(Shown):
+class FingerDrawn(Answered):
     """The finger as it is held at the bench. Axes of the first bone: x proximal, y dorsal, z radial [mm]."""
 
     session: str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import Header, Path, Query
 from pydantic import BaseModel, ConfigDict, Field
@@ -44,6 +44,21 @@ class Shown(BaseModel):
     model_config = ConfigDict(extra="allow")
 
 
+class Answered(Shown):
+    """A whole answer, which says what form it has."""
+
+    schema_: str = Field(alias="schema", pattern=r"^fingertwin/[a-z-]+/[0-9]+$", description="Its form, and version.")
+
+
+class WarningOfCheck(Shown):
+    """An error or a warning of the check."""
+
+    level: Literal["error", "warning"] = Field(description="error: do not use what it concerns; warning: look at it.")
+    code: str = Field(description="For scripts.")
+    place: str
+    words: str
+
+
 class ErrorsInPlane(Shown):
     """Errors of predicted against measured forces over some load cases in one plane (Synek et al. 2019, Eqs 6, 7)."""
 
@@ -73,9 +88,6 @@ Plain = dict[str, Any]
 _REFUSALS = problems(400, 401, 403, 404, 405, 409, 411, 413, 414, 415, 421, 422, 429, 500, 503)
 
 
-def documented(model: type[BaseModel], *, status: int = 200, example: Any = None) -> dict[int | str, dict[str, Any]]:
+def documented(model: type[BaseModel], *, status: int = 200) -> dict[int | str, dict[str, Any]]:
     """Return the documentation of an answer and of all refusals, for a route's `responses`."""
-    answer: dict[str, Any] = {"model": model}
-    if example is not None:
-        answer["content"] = {"application/json": {"example": example}}
-    return {status: answer, **_REFUSALS}
+    return {status: {"model": model}, **_REFUSALS}

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
-from server.service.schemas.common import Shown
+from server.service.schemas.common import Answered, Shown
 
 
 class FigureParameter(Shown):
@@ -28,7 +28,7 @@ class FigureListed(Shown):
     parameters: list[FigureParameter]
 
 
-class FigureList(Shown):
+class FigureList(Answered):
     """All figures."""
 
     figures: list[FigureListed]

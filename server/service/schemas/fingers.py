@@ -6,15 +6,13 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import Form, Plain, Shown
+from server.service.schemas.common import Answered, Form, Plain, Shown
 from server.service.schemas.figures import FigureShown
 from server.service.web.examples import EXAMPLES
 
 
 class FingerShown(Shown):
     """A finger: bones, joints, tendons, what it is judged in."""
-
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["FingerShown"]})
 
     name: str
     id: str
@@ -27,17 +25,19 @@ class FingerShown(Shown):
     activates: bool = Field(description="Whether a muscle set of its name is shipped, so that it can be activated.")
 
 
-class FingerRead(FingerShown):
+class FingerRead(FingerShown, Answered):
     """A finger with every number and its source."""
 
     model_config = ConfigDict(
-        json_schema_extra={"example": EXAMPLES["FingerShown"] | {"document": {"format": "finger/1"}}}
+        json_schema_extra={
+            "example": EXAMPLES["FingerShown"] | {"schema": "fingertwin/finger/1", "document": {"format": "finger/1"}}
+        }
     )
 
     document: Plain = Field(description="finger/1.")
 
 
-class FingerList(Shown):
+class FingerList(Answered):
     """Fingers that come with the software."""
 
     fingers: list[FingerShown]
@@ -51,7 +51,7 @@ class FingerFormat(Shown):
     notes: list[str] = Field(description="What the format cannot say of this finger.")
 
 
-class FingerFormats(Shown):
+class FingerFormats(Answered):
     """The formats that a finger can be exported to."""
 
     formats: list[FingerFormat]
@@ -59,8 +59,6 @@ class FingerFormats(Shown):
 
 class FingerImport(Form):
     """A finger as OpenSim (.osim) or MuJoCo (MJCF, .xml) has it."""
-
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["FingerImport"]})
 
     name: Annotated[
         str,
@@ -92,7 +90,7 @@ class ImportCheck(Shown):
     worst_mm: dict[str, float] = Field(description="Greatest error of each tendon's moment arms [mm].")
 
 
-class FingerImported(Shown):
+class FingerImported(Answered):
     """A finger that was read out of another software's file. The service does not keep it."""
 
     id: str
@@ -142,7 +140,7 @@ class AskedScaling(Form):
     ] = "scaled"
 
 
-class Scaled(Shown):
+class Scaled(Answered):
     """A finger scaled to a specimen. The service does not keep it."""
 
     bones: list[Plain] = Field(description="bone, before_mm, after_mm, factor, how.")
@@ -152,7 +150,7 @@ class Scaled(Shown):
     file: str = Field(description="The same as YAML.")
 
 
-class FingersCompared(Shown):
+class FingersCompared(Answered):
     """Two fingers side by side: bones, moment arms, force ratios, predicted and where sessions are shipped measured."""
 
     figures: list[FigureShown]

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from server.service.schemas.common import Form, Plain, Shown, Summary
+from server.service.schemas.common import Answered, Form, Plain, Shown, Summary
 
 Names = Annotated[list[Annotated[str, Field(min_length=1, max_length=200)]], Field(max_length=40)]
 Model = Annotated[
@@ -120,14 +120,24 @@ class RevisionShown(Shown):
     in_force: bool
 
 
-class RevisionWhole(RevisionShown):
+class RevisionRead(RevisionShown, Answered):
+    """One state of a specimen's model."""
+
+
+class RevisionWhole(RevisionRead):
     """A revision with its document, as `fingertwin refit --out` writes it, and with what it came from."""
 
     document: dict[str, Any]
     provenance: dict[str, Any] = Field(description="Readings, corrections, model, job and software.")
 
 
-class RevisionList(Shown):
+class RevisionDocument(Shown):
+    """A revision as a file."""
+
+    format: str
+
+
+class RevisionList(Answered):
     """Revisions, oldest first."""
 
     revisions: list[RevisionShown]
@@ -142,7 +152,7 @@ class Specimen(Shown):
     steps: list[Plain]
 
 
-class SpecimenList(Shown):
+class SpecimenList(Answered):
     """Specimens that have a revision."""
 
     specimens: list[Specimen]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, JsonValue
 
-from server.service.schemas.common import Form, Plain, Shown
+from server.service.schemas.common import Answered, Form, Plain, Shown
 from server.service.schemas.figures import FigureShown
 from server.service.schemas.predictions import Angle, Name
 
@@ -99,13 +99,8 @@ class Moved(Shown):
     figures: list[FigureShown]
 
 
-MOVED: dict[str, Any] = {"motions": ["wu2008_tap"], "muscles": ["wu2008"], "fingers": ["wu2008_index"]}
-
-
-class MovementChoices(Shown):
+class MovementChoices(Answered):
     """Choices for a movement."""
-
-    model_config = ConfigDict(json_schema_extra={"example": MOVED})
 
     motions: list[str]
     muscles: list[str]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
-from server.service.schemas.common import Plain, Shown
-from server.service.web.examples import EXAMPLES
+from server.service.schemas.common import Answered, Plain, Shown
 from server.service.web.problems import Problem
 
 State = Literal["queued", "running", "done", "failed", "cancelled"]
@@ -15,8 +14,6 @@ State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 class JobShown(Shown):
     """Work in the background: how far it is, and what came of it."""
-
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["JobShown"]})
 
     schema_: Literal["fingertwin/job/1"] = Field(alias="schema")
     id: str
@@ -37,7 +34,7 @@ class JobShown(Shown):
     problem: Problem | None = Field(description="Why it failed.")
 
 
-class JobList(Shown):
+class JobList(Answered):
     """Some jobs, newest first."""
 
     jobs: list[JobShown]

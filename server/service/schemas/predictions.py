@@ -8,8 +8,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from daq.vocabulary import LARGEST_FACTOR
 from fingermodel.predicting import ANGLE_DEG, GRAVITY_M_S2, MOST_LOAD
-from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
-from server.service.web.examples import EXAMPLES
+from server.service.schemas.common import Answered, Form, Plain, Shown, Summary, Vector, WarningOfCheck
 
 MOST_ROWS = 100_000
 # Far beyond any mass in g and tension in N, and far from where sums overflow.
@@ -47,7 +46,7 @@ class Asked(Form):
     ] = 1.0
     gravity_m_s2: Annotated[float, Field(ge=GRAVITY_M_S2[0], le=GRAVITY_M_S2[1])] = 9.81
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, json_schema_extra={"examples": [EXAMPLES["Asked"]]})
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     @model_validator(mode="after")
     def _one_of_two(self) -> Asked:
@@ -56,7 +55,7 @@ class Asked(Form):
         return self
 
 
-class Predicted(Shown):
+class Predicted(Answered):
     """Forces that the finger exerts on what holds it: x proximal, y dorsal, z radial."""
 
     model: str
@@ -65,6 +64,15 @@ class Predicted(Shown):
     tip_moment_Nmm: list[Vector] = Field(description="About the load point in the mid pulp [N mm].")
     bone_force_N: list[Vector] = Field(description="In the metacarpal's axes [N].")
     undetermined: list[int] = Field(description="Rows whose finger is straight: their forces are null.")
+
+
+class Friction(Answered):
+    """Friction factor by force balance, as `fingertwin friction --json`."""
+
+    cases: list[Plain] = Field(description="Factor of each pair of cases.")
+    specimens: list[Plain] = Field(description="Mean of each specimen.")
+    pooled: Plain = Field(description="Mean over specimens, clustered by them.")
+    warnings: list[WarningOfCheck]
 
 
 class ComparedCase(Shown):
@@ -84,12 +92,13 @@ class ComparedCase(Shown):
     z: float | None = Field(description="Mahalanobis norm of the residual.")
 
 
-class Compared(Shown):
+class Compared(Answered):
     """Predicted against measured, as `fingertwin compare --json`, with what it came from."""
 
     session: str
     model: str
     outdated: bool = Field(description="Whether the session was changed since the model was fitted to it.")
+    warnings: list[WarningOfCheck]
     cases: list[ComparedCase]
     summary: Summary = Field(description="Errors by role and location.")
     by_muscle: dict[str, Any]

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from server.service.schemas.common import Shown
+from server.service.schemas.common import Answered, Shown
 
 Column = list[float | None]
 Channels = Annotated[
@@ -94,7 +94,7 @@ class EventShown(Shown):
     value: dict[str, Any] | None = None
 
 
-class EventsShown(Shown):
+class EventsShown(Answered):
     """Events in the order in which they came."""
 
     session: str

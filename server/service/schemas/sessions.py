@@ -7,13 +7,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from daq.uplink.wire import SESSION_ID
-from server.service.schemas.common import Form, Plain, Shown, Vector
+from server.service.schemas.common import Answered, Form, Plain, Shown, Vector, WarningOfCheck
 from server.service.web.examples import EXAMPLES
 
 Span = Annotated[tuple[float, float], Field(strict=False, description="[start, end] in s of the session's readings.")]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Reason = Annotated[str, Field(min_length=1, max_length=2000)]
-CASE, DOCUMENT = EXAMPLES["NewCase"], EXAMPLES["NewSession"]
+CASE, DOCUMENT = EXAMPLES["NewCase"]["case"], EXAMPLES["NewSession"]["document"]
 
 
 class NewSession(Form):
@@ -31,7 +31,7 @@ class NewSession(Form):
     ] = None
 
 
-class SessionShown(Shown):
+class SessionShown(Answered):
     """A session."""
 
     id: str
@@ -46,12 +46,20 @@ class SessionShown(Shown):
     streams: list[Plain] = Field(default=[], description="Each stream with its description and cursor.")
     cases: dict[str, int] = Field(default={}, description="How many cases are in each state.")
     problem: str | None = Field(None, description="Why the session cannot be used, where it cannot.")
+    warnings: list[WarningOfCheck] = Field(description="What the check found in it.")
 
 
 class SessionImported(SessionShown):
     """A session whose folder was sent."""
 
     already_there: bool = Field(description="Whether the very same folder was kept before.")
+
+
+class SessionDocument(Shown):
+    """A bench-session/1."""
+
+    format: str
+    id: str
 
 
 class SessionListed(Shown):
@@ -69,7 +77,7 @@ class SessionListed(Shown):
     streams: int
 
 
-class SessionList(Shown):
+class SessionList(Answered):
     """Sessions in the order of their ids."""
 
     sessions: list[SessionListed]
@@ -96,7 +104,11 @@ class CaseShown(Shown):
     blinded: bool = Field(description="A validation case of a session that is not closed: no prediction is shown.")
 
 
-class CaseList(Shown):
+class CaseRead(CaseShown, Answered):
+    """One load case."""
+
+
+class CaseList(Answered):
     """A session's load cases."""
 
     session: str
@@ -119,7 +131,7 @@ class StepShown(Shown):
     masses_g: dict[str, float] | None = Field(None, description="Of a proposed case: weight hung on each tendon [g].")
 
 
-class Checklist(Shown):
+class Checklist(Answered):
     """The steps of a session in order; repeats stand at the end, and after them what is proposed."""
 
     session: str
@@ -247,7 +259,7 @@ class EditShown(Shown):
     in_force: bool
 
 
-class EditList(Shown):
+class EditList(Answered):
     """A session's edits, oldest first."""
 
     session: str
@@ -255,7 +267,7 @@ class EditList(Shown):
     edits: list[EditShown]
 
 
-class Edited(Shown):
+class Edited(Answered):
     """Result of an edit."""
 
     session: str

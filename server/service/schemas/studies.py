@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
-from server.service.schemas.common import Form, Shown
-from server.service.web.examples import EXAMPLES
+from server.service.schemas.common import Answered, Form, Shown
 
 
 class StudyShown(Shown):
     """A published study, and the last time that it was computed here."""
-
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["StudyShown"]})
 
     name: str
     citation: str
@@ -20,7 +17,7 @@ class StudyShown(Shown):
     state: str | None = Field(description="Of that job.")
 
 
-class StudyList(Shown):
+class StudyList(Answered):
     """The published studies that can be computed."""
 
     studies: list[StudyShown]
@@ -28,8 +25,6 @@ class StudyList(Shown):
 
 class StudyRow(Shown):
     """A published figure beside ours."""
-
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["StudyRow"]})
 
     quantity: str
     published: float | None = Field(description="In `unit`; null where a range was published.")
@@ -56,10 +51,8 @@ class StudyFigure(Shown):
     heading: str
 
 
-class StudyComputed(StudyShown):
+class StudyComputed(StudyShown, Answered):
     """A study with every published figure beside ours."""
-
-    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["StudyComputed"]})
 
     rows: list[StudyRow]
     assumptions: list[str] = Field(description="What the paper leaves out and what stands in its place.")

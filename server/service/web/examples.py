@@ -6,4 +6,8 @@ import json
 from importlib.resources import files
 from typing import Any
 
-EXAMPLES: dict[str, Any] = json.loads((files("server.service.web") / "examples.json").read_bytes())
+EXAMPLES: dict[str, Any] = {
+    name: body
+    for file in files("server.service.web").joinpath("example_bodies").iterdir()
+    for name, body in json.loads(file.read_bytes()).items()
+}

@@ -10,6 +10,7 @@ from fastapi.openapi.utils import get_openapi
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from server.service.web.examples import EXAMPLES
 from server.service.web.problems import Problem, ProblemError, shortened
 from server.service.web.workers import run
 
@@ -43,7 +44,9 @@ def document_of(app: FastAPI) -> dict[str, Any]:
                 for status, answer in path.get(method, {}).get("responses", {}).items():
                     if status in ("204", "304"):
                         answer.pop("content", None)  # nothing is sent
-        _restore_nulls(document, schemas)
+        # Put in here, since the framework leaves out of an example what is null.
+        for name in schemas.keys() & EXAMPLES.keys():
+            schemas[name]["example"] = EXAMPLES[name]
         document["components"].setdefault("securitySchemes", {})["bearer"] = _BEARER
         document["security"] = [{}, {"bearer": []}]
         app.openapi_schema = document
@@ -66,21 +69,3 @@ def methods_of(document: dict[str, Any], path: str) -> list[str]:
     fitting = [t for t in document["paths"] if re.fullmatch(re.sub(r"\{[^}]*\}", "[^/]+", t), path)]
     template = min(fitting, key=lambda t: t.count("{"), default="")
     return [m.upper() for m in _METHODS if m in document["paths"].get(template, {})]
-
-
-def _restore_nulls(value: Any, schemas: dict[str, Any]) -> None:
-    """Put back into examples what the framework leaves out of them: required members that are null."""
-    if isinstance(value, list):
-        for item in value:
-            _restore_nulls(item, schemas)
-    if not isinstance(value, dict):
-        return
-    schema: dict[str, Any] = value["schema"] if isinstance(value.get("schema"), dict) else value
-    schema = schemas.get(str(schema.get("$ref", "")).rpartition("/")[2], schema)
-    several = value.get("examples")
-    for example in (value.get("example"), *(several if isinstance(several, list) else ())):
-        if isinstance(example, dict):
-            example.update({name: None for name in schema.get("required", ()) if name not in example})
-    for key, item in value.items():
-        if key not in ("example", "examples"):
-            _restore_nulls(item, schemas)

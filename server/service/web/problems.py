@@ -16,19 +16,20 @@ from starlette.responses import Response
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
 from server.service.storage.checksums import DamagedError
-from server.service.web.examples import EXAMPLES
 
 PROBLEM = "application/problem+json"
 # Longer texts of a client's are not sent back, nor are longer parts of a problem.
 _SHOWN, _SAID = 200, 1000
 # So many faults of a request are told in its line, and up to 50 beside it.
 _FAULTS = 3
+# Of whatever is not there.
+_ELSEWHERE = "Look how it is spelt, and ask for one that is there"
 
 
 class Problem(BaseModel):
     """A refusal or a failure."""
 
-    model_config = ConfigDict(extra="allow", json_schema_extra={"example": EXAMPLES["Problem"]})
+    model_config = ConfigDict(extra="allow")
 
     type: str = "about:blank"
     title: str = Field(description="What the status means.")
@@ -47,7 +48,7 @@ class ProblemError(Exception):
         status: of HTTP.
         found: what was found.
         expected: what was expected.
-        remedy: what to do.
+        remedy: what to do; where something is not there, by default to look how it is spelt.
         headers: of the answer.
         more: further members of the problem.
     """
@@ -62,6 +63,7 @@ class ProblemError(Exception):
         headers: dict[str, str] | None = None,
         **more: Any,
     ) -> None:
+        remedy = remedy or (_ELSEWHERE if status == HTTPStatus.NOT_FOUND else "")
         found, expected, remedy = (shortened(t, _SAID) for t in (found, expected, remedy))
         error = InputError(found, expected, remedy)
         super().__init__(str(error))
@@ -122,9 +124,11 @@ async def answer_damaged(request: Request, error: Exception) -> Response:
     ).answer()
 
 
-async def answer_http(_: Request, error: Exception) -> Response:
+async def answer_http(request: Request, error: Exception) -> Response:
     """Answer what the framework refuses, such as an unknown address."""
     assert isinstance(error, HTTPException)  # noqa: S101
+    if error.status_code == HTTPStatus.NOT_FOUND:
+        return not_found("address", request.url.path, "/api/v1/openapi.json").answer()
     headers = dict(error.headers or {}) or None
     return _answered(error.status_code, body_of(error.status_code, shortened(error.detail)), headers)
 

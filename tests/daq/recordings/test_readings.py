@@ -142,7 +142,10 @@ BAD_FILES: dict[str, tuple[str, list[str]]] = {
     "torque in newton": (f"{HEADER.replace('Tx_Nmm', 'Tx_N')}\n{ROW}\n", ["'Tx_N'", "not a unit of torque"]),
     "not a number": (f"{HEADER}\n{ROW}\n0.02,1,2,abc,4,5,6\n", ["row 2 (line 3)", "column Fz_N is 'abc'"]),
     "a number of Python's": (f"{HEADER}\n{ROW}\n0.02,1,2,2_1,4,5,6\n", ["row 2 (line 3)", "column Fz_N is '2_1'"]),
-    "nan": (f"{HEADER}\n{ROW}\n0.02,1,nan,3,4,5,6\n", ["row 2 (line 3)", "column Fy_N is 'nan'", "finite"]),
+    "nan": (
+        f"{HEADER}\n{ROW}\n0.02,1,nan,3,4,5,6\n",
+        ["row 2 (line 3)", "column Fy_N is 'nan'", "finite", "Remove the row"],
+    ),
     "more than a cell tells": (
         f"{HEADER}\n{ROW}\n0.02,1,2,3,4,1e200,6\n",
         ["row 2 (line 3)", "column Ty_Nmm is '1e200'", "a number that a load cell can tell, within ±1e+12"],

@@ -127,7 +127,9 @@ def test_a_bench_does_what_it_is_asked_elsewhere_and_says_what_it_refuses(served
         assert refused.status_code == 409
         assert "plateau" in refused.json()["detail"]
         assert any("plateau" in text for text in running.here.refused)
-        assert asked(client, "note", "moist again").json() == {"session": "S1", "command": "note"}
+        assert asked(client, "note", "moist again").json() == {
+            "schema": "fingertwin/bench-command/1", "session": "S1", "command": "note"
+        }  # fmt: skip
         unknown = asked(client, "dance")
         assert unknown.status_code == 409
         assert "tare" in unknown.json()["detail"]

@@ -82,9 +82,9 @@ def test_it_is_ready_only_when_it_says_so_and_live_before(looked: Looked) -> Non
     answer = looked.ask("/api/v1/of/health/ready")
     assert answer.problem["status"] == 503
     assert answer.headers["retry-after"] == "1"
-    assert looked.ask("/api/v1/of/health/live").json() == {"live": True}
+    assert looked.ask("/api/v1/of/health/live").json() == {"schema": "fingertwin/live/1", "live": True}
     looked.ready = True
-    assert looked.ask("/api/v1/of/health/ready").json() == {"ready": True}
+    assert looked.ask("/api/v1/of/health/ready").json() == {"schema": "fingertwin/ready/1", "ready": True}
 
 
 def test_a_database_that_is_gone_or_a_full_disk_is_degraded_and_no_failure(

@@ -49,6 +49,7 @@ def refused(answer: Any, status: int, said: str = "") -> dict[str, Any]:
     problem: dict[str, Any] = answer.json()
     assert problem["status"] == status
     assert said in problem["detail"]
+    assert status != 404 or all(problem[part] for part in ("found", "expected", "remedy"))
     assert len(answer.content) < 10_000
     return problem
 
@@ -259,6 +260,8 @@ def test_work_on_one_recording_under_two_names_is_refused_at_once(service: Servi
         ("/api/v1/effects/hanger_mass.m0", 404),
         ("/api/v1/revisions/none/document", 404),
         ("/api/v1/jobs/none", 404),
+        ("/api/v1/figures/nope", 404),
+        ("/api/v1/nope", 404),
     ],
     ids=lambda value: str(value)[:60],
 )

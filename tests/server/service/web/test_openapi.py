@@ -52,6 +52,47 @@ def test_every_operation_is_described_and_named_once(document: Found) -> None:
         assert inside == set(re.findall(r"{(\w+)}", where)), where
 
 
+def test_every_answer_names_its_schema(document: Found) -> None:
+    """Documents and exports are files, which say their own format."""
+    silent = [
+        where
+        for where, content in json_answers(document)
+        if not where.endswith(("/document", "/export")) and "schema" not in resolved(document, content)["properties"]
+    ]
+    assert silent == []
+
+
+def test_every_body_has_an_example(document: Found) -> None:
+    """What is sent and what is answered as JSON, beside it or in its form among the components."""
+    sent = [
+        (where, content)
+        for where, operation in operations(document)
+        for kind, content in operation.get("requestBody", {}).get("content", {}).items()
+        if kind == "application/json"
+    ]
+    bare = [
+        where
+        for where, content in [*sent, *json_answers(document)]
+        if "example" not in content and not {"example", "examples"} & set(resolved(document, content))
+    ]
+    assert bare == []
+
+
+def json_answers(document: Found) -> Iterator[tuple[str, Found]]:
+    """What every success of every operation answers as JSON."""
+    for where, operation in operations(document):
+        for status, answer in operation["responses"].items():
+            if status[0] == "2" and "application/json" in answer.get("content", {}):
+                yield where, answer["content"]["application/json"]
+
+
+def resolved(document: Found, content: Found) -> Found:
+    """The schema of what is sent, also where it stands among the components."""
+    schema: Found = content["schema"]
+    named: Found = document["components"]["schemas"].get(schema.get("$ref", "").rpartition("/")[2], schema)
+    return named
+
+
 def test_every_refusal_is_documented_as_a_problem(document: Found) -> None:
     for where, operation in operations(document):
         answers = operation["responses"]
