@@ -26,6 +26,8 @@ _known: set[type] = set()
 # What takes long to compile and runs for milliseconds: on a machine that has not compiled it yet, that is most of a
 # first diagnosis. By these it is compiled in two thirds of the time, and runs as fast (see benchmarks/compiling.md).
 HURRIED: dict[str, str | bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+# What runs a few times only; each operation is rounded by itself, as where none is compiled.
+UNOPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "0"}
 
 Result = TypeVar("Result")
 
