@@ -14,7 +14,19 @@ import server  # noqa: F401 - settles the number of threads before anything nume
 from tests.progress import Progress
 from tests.settings import load_profile
 
-QUICK = Path(__file__).parent / "daq"
+TESTS = Path(__file__).parent
+QUICK = TESTS / "daq"
+# They take a worker some minutes each.
+LONGEST = (
+    "recovery/test_rough_benches.py",
+    "recovery/test_diagnosis.py",
+    "server/test_diagnosis_cli.py",
+    "recovery/test_session_faults.py",
+    "recovery/test_simulator.py",
+    "browser/test_bench_page.py",
+    "server/test_shared_law_cli.py",
+    "browser/test_pages.py",
+)
 # Most programs run once or twice: by these, which the product has for its largest, they compile in two thirds of the
 # time. A run with the tests marked `full` leaves them out.
 HURRIED = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 "
@@ -47,8 +59,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave what is quick for the end, so that no worker is left alone with a long file."""
-    items.sort(key=lambda item: item.path.is_relative_to(QUICK))
+    """Begin with the longest files and end with what is quick, so that no worker is left alone with a long file."""
+    places = {TESTS / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (places.get(item.path, len(places)), item.path.is_relative_to(QUICK)))
 
 
 def _compiled_once(config: pytest.Config) -> None:

@@ -2,7 +2,8 @@
 
 JAX keeps compiled code on disk (`jax_compilation_cache_dir`), but only finds it after a program has been traced and
 lowered, which takes seconds for the whole catalogue. `stored` keeps the lowered program too, under a key of everything
-that it follows from: this package's sources, the structure, the shapes, and the versions of JAX.
+that it follows from: this package's sources, the structure, the shapes, and the versions of JAX. Of several processes
+that start at once, one makes a program, and the others wait for it.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import contextlib
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import cache, partial, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -19,6 +21,7 @@ import jax
 import jax.export
 import jaxlib.version
 import numpy as np
+from filelock import FileLock
 
 from daq.files import replacing
 
@@ -26,6 +29,11 @@ _known: set[type] = set()
 # What takes long to compile and runs for milliseconds: on a machine that has not compiled it yet, that is most of a
 # first diagnosis. By these it is compiled in two thirds of the time, and runs as fast (see benchmarks/compiling.md).
 HURRIED: dict[str, str | bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+# What runs a few times only; each operation is rounded by itself, as where none is compiled.
+UNOPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "0"}
+
+# Longest that a process waits for another's program: that one may have been suspended.
+WAIT_S = 120.0
 
 Result = TypeVar("Result")
 
@@ -63,9 +71,10 @@ class Stored(Generic[Result]):
         key = (structure, tree, tuple(map(_shape, leaves)))
         program = self._programs.get(key)
         if program is None:
-            exported = _exported(self._name, self.jitted, structure, arguments, self._returned)
-            program = _compiled(jax.jit(exported, compiler_options=self.options), arguments)
-            self._programs[key] = program
+            with ExitStack() as held:
+                exported = _exported(self._name, self.jitted, structure, arguments, self._returned, held)
+                jitted = jax.jit(exported, compiler_options=self.options)
+                program = self._programs[key] = _compiled(jitted, arguments, held.pop_all())
         return program
 
 
@@ -79,11 +88,14 @@ def stored(*returned: type, hurried: bool = False) -> Callable[[Callable[..., Re
     return lambda function: Stored(function, returned, HURRIED if hurried else {})
 
 
-def _compiled(jitted: Callable[..., Result], arguments: tuple[Any, ...]) -> Callable[..., Result]:
-    """Begin to compile; whoever calls the answer waits until that is done."""
+def _compiled(
+    jitted: Callable[..., Result], arguments: tuple[Any, ...], held: AbstractContextManager[object]
+) -> Callable[..., Result]:
+    """Begin to compile, and let go of what is held once that is done; whoever calls the answer waits until then."""
 
     def compile_it() -> None:
-        jitted(*arguments)
+        with held:
+            jitted(*arguments)
 
     compiling = _compilers().submit(compile_it)
 
@@ -100,7 +112,7 @@ def _compilers() -> ThreadPoolExecutor:
 
 
 def _exported(
-    name: str, jitted: Any, structure: Any, arguments: tuple[Any, ...], returned: tuple[type, ...]
+    name: str, jitted: Any, structure: Any, arguments: tuple[Any, ...], returned: tuple[type, ...], held: ExitStack
 ) -> Callable[..., Any]:
     file = _file(name, structure, arguments)
     if file is None:
@@ -109,9 +121,24 @@ def _exported(
         _know(kind)
     exported = _read(file)
     if exported is None:
+        held.enter_context(_alone(file))
+        exported = _read(file)
+    if exported is None:
         exported = jax.export.export(_bound(jitted, structure))(*arguments)
-        _write(file, bytes(exported.serialize()))
+        # Once it is compiled: whoever finds the file finds what the compiler made of it, too.
+        held.callback(_write, file, bytes(exported.serialize()))
     return exported.call
+
+
+def _alone(file: Path) -> AbstractContextManager[object]:
+    """Let no other process make the same program meanwhile; where files cannot be locked, each makes its own."""
+    lock = file.parents[1] / "locks" / file.name
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        # Compiling is done in another thread, which lets go.
+        return FileLock(lock, thread_local=False, fallback_to_soft=False).acquire(WAIT_S)
+    except (OSError, NotImplementedError):
+        return nullcontext()
 
 
 def _bound(jitted: Any, structure: Any) -> Any:

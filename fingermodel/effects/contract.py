@@ -13,6 +13,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from daq.errors import InputError
+from fingermodel.compiled.programs import UNOPTIMISED
 from fingermodel.effects.contract_cases import states_before
 from fingermodel.effects.formula import is_name
 from fingermodel.fingers import Topology
@@ -206,9 +207,6 @@ def _flat(
     ]
 
 
-_UNOPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "0"}
-
-
 def _off_null(parameter: Parameter, rng: np.random.Generator) -> float:
     low, high = parameter.plausible or (parameter.lower, parameter.upper)
     return float(rng.uniform(low, high)) if parameter.sd > 0.0 else parameter.initial
@@ -255,8 +253,8 @@ class _Program:
             return [*value, *change]
 
         start = (jnp.asarray(p), self._numbers(state))
-        self._value = jax.jit(act).lower(case, *start).compile(_UNOPTIMISED)
-        self._slope = jax.jit(slope).lower(case, start, start).compile(_UNOPTIMISED)
+        self._value = jax.jit(act).lower(case, *start).compile(UNOPTIMISED)
+        self._slope = jax.jit(slope).lower(case, start, start).compile(UNOPTIMISED)
 
     def _numbers(self, state: State) -> list[Array]:
         leaves = jax.tree_util.tree_leaves(state._replace(topology=None))  # type: ignore[arg-type]
@@ -270,15 +268,15 @@ class _Program:
     def is_finite(self, p: Floats, case: LoadCaseInput, state: State, rng: np.random.Generator) -> bool:
         """Whether value and slope are, along a random direction of all parameters and of the state's numbers."""
         start = (jnp.asarray(p), self._numbers(state))
-        way = jax.tree_util.tree_map(lambda x: jnp.asarray(rng.normal(size=x.shape)), start)
-        return all(bool(np.isfinite(x).all()) for x in self._slope(case, start, way))
+        way = jax.tree_util.tree_map(lambda x: rng.normal(size=x.shape), start)
+        return all(bool(np.isfinite(np.asarray(x)).all()) for x in self._slope(case, start, way))
 
     def has_slope(self, index: int, p: Floats, case: LoadCaseInput, state: State) -> bool:
         """Whether one parameter changes anything to first order."""
         numbers = self._numbers(state)
-        way = (jnp.zeros(len(p)).at[index].set(1.0), [jnp.zeros(n.shape) for n in numbers])
+        way = (np.eye(len(p))[index], [np.zeros(n.shape) for n in numbers])
         changed = self._slope(case, (jnp.asarray(p), numbers), way)
-        return any(np.any(x) for x in changed[len(changed) // 2 :])
+        return any(np.asarray(x).any() for x in changed[len(changed) // 2 :])
 
     def moves(self, index: int, parameter: Parameter, p: Floats, case: LoadCaseInput, state: State) -> bool:
         """Whether one parameter changes anything between the ends of its range."""

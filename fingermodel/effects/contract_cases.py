@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache, partial
-from typing import final
+from typing import Any, final
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from fingermodel.compiled.programs import UNOPTIMISED
 from fingermodel.fingers import FingerValues, Topology
 from fingermodel.model import predict_parts
 from fingermodel.stages import STAGES, Effect, Layout, LoadCaseInput, Stage, State
@@ -42,11 +44,25 @@ def _observed(topology: Topology, layout: Layout) -> tuple[tuple[LoadCaseInput, 
     values = _values(topology, rng)
     points = [np.ravel(a) for a in (values.proximal_point, values.distal_point, values.fraction)]
     anatomy = jnp.asarray(np.concatenate(points))
-    out = []
-    for i in range(2 * max(len(topology.muscles), len(layout.mountings), 4)):
-        observer, case = _Observer(), _case(i, topology, layout, rng)
+    traced: list[Any] = []
+
+    def numbers(values: FingerValues, anatomy: Array, case: LoadCaseInput) -> list[Array | None]:
+        """Those of the states; what else they hold is the same for every load case."""
+        observer = _Observer()
         predict_parts(Structure(topology, (observer,), ((0, 0),)), values, (anatomy, jnp.zeros(0)), case)
-        out.append((case, observer.seen))
+        leaves, tree = jax.tree.flatten(observer.seen)
+        traced[:] = leaves, tree
+        return [leaf if isinstance(leaf, Array) else None for leaf in leaves]
+
+    # Operation by operation, each would be compiled by itself: over a hundred, most of the time of a check. The numbers
+    # of the finger are arguments: constants would be rounded otherwise than in an effect that computes the same anew.
+    program, out = jax.jit(numbers, compiler_options=UNOPTIMISED), []
+    for i in range(2 * max(len(topology.muscles), len(layout.mountings), 4)):
+        case = _case(i, topology, layout, rng)
+        found = program(values, anatomy, case)
+        leaves, tree = traced
+        filled = [leaf if number is None else number for leaf, number in zip(leaves, found, strict=True)]
+        out.append((case, jax.tree.unflatten(tree, filled)))
     return tuple(out)
 
 

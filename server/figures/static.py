@@ -47,6 +47,10 @@ _SETTINGS: Any = {
     "path.simplify": False,
     "text.parse_math": False,  # a "$" in a name is no formula
 }
+_METADATA: dict[str, dict[str, str | None]] = {
+    "png": {"Software": "fingertwin"},
+    "svg": {"Date": None, "Creator": "fingertwin"},
+}
 # The settings are process-wide while a figure is drawn.
 _LOCK = threading.Lock()
 
@@ -62,18 +66,23 @@ def render(figure: Any, file_format: str, scale: float = 2.0) -> bytes:
     Raises:
         UnsupportedFigureError: it uses what the converter does not draw.
     """
-    if file_format not in ("png", "svg"):
+    if file_format not in _METADATA:
         raise ValueError(f"format {file_format!r}; expected png or svg")
+    return _rendered(figure, (file_format,), scale)[0]
+
+
+def _rendered(figure: Any, formats: Sequence[str], scale: float) -> list[bytes]:
+    """Lay a figure out once, and draw it in each format."""
     parts = figure if isinstance(figure, Mapping) else figure.to_dict()
     require_supported(parts)
-    metadata = {"Software": "fingertwin"} if file_format == "png" else {"Date": None, "Creator": "fingertwin"}
-    out = io.BytesIO()
+    outs = [io.BytesIO() for _ in formats]
     with _LOCK, mpl.rc_context(_SETTINGS | {"font.family": _fonts()}), warnings.catch_warnings():
         # A glyph that no font has is drawn as a box; SVG and page keep the text.
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         drawn = _draw(parts)
-        drawn.savefig(out, format=file_format, dpi=96 * scale, metadata=metadata)
-    return out.getvalue()
+        for out, file_format in zip(outs, formats, strict=True):
+            drawn.savefig(out, format=file_format, dpi=96 * scale, metadata=_METADATA[file_format])
+    return [out.getvalue() for out in outs]
 
 
 @cache
@@ -90,9 +99,8 @@ def write_static(folder: Path, figures: Mapping[str, Any], scale: float = 2.0) -
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, figure in figures.items():
-        for file_format in ("png", "svg"):
+        for file_format, data in zip(_METADATA, _rendered(figure, tuple(_METADATA), scale), strict=True):
             path = folder / f"{name}.{file_format}"
-            data = render(figure, file_format, scale)
             with replacing(path) as temporary:
                 temporary.write_bytes(data)
             written.append(path)

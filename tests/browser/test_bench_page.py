@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +38,17 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[float]]:
     return wrenches(tmp_path_factory.mktemp("rig"))
 
 
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """One service for tests that leave it running, each with a session of its own."""
+    with served(tmp_path_factory.mktemp("service")) as (address, _):
+        yield address
+
+
 def test_the_whole_story_from_the_first_tare_to_the_report(
-    browser: Any, rig: dict[str, list[float]], tmp_path: Path
+    browser: Any, url: str, rig: dict[str, list[float]], tmp_path: Path
 ) -> None:
-    with served(tmp_path / "service") as (url, _), bench(tmp_path / "bench", url, wrench=rig) as story:
+    with bench(tmp_path, url, "whole", rig) as story:
         seen = opened(browser, url, story)
         assert "Give the known weight" in now(seen)
         key(seen, "next").click()
@@ -239,12 +247,11 @@ RING = """async () => {
 }"""
 
 
-def test_the_page_keeps_the_last_minutes_in_arrays_that_never_grow(browser: Any, tmp_path: Path) -> None:
-    with served(tmp_path) as (url, _):
-        seen = watched(browser, url)
-        seen.page.goto(url)
-        found = seen.page.evaluate(RING)
-        seen.page.close()
+def test_the_page_keeps_the_last_minutes_in_arrays_that_never_grow(browser: Any, url: str) -> None:
+    seen = watched(browser, url)
+    seen.page.goto(url)
+    found = seen.page.evaluate(RING)
+    seen.page.close()
     assert (found["readings"], found["again"]) == (700, 0)
     assert (found["count"], found["first"], found["last"]) == (16, 84.0, 99.5)
     assert (found["low"], found["high"], found["nothing"], found["room"]) == (83.0, 100.0, True, 96)
@@ -256,7 +263,7 @@ def test_the_page_keeps_the_last_minutes_in_arrays_that_never_grow(browser: Any,
 
 
 def test_a_page_that_is_there_before_the_live_stream_goes_live_with_it(
-    browser: Any, rig: dict[str, list[float]], tmp_path: Path
+    browser: Any, url: str, rig: dict[str, list[float]], tmp_path: Path
 ) -> None:
     """Until something comes all that was stored is shown; then it is what a page that waited for nothing shows."""
     held: list[Any] = []
@@ -274,7 +281,7 @@ def test_a_page_that_is_there_before_the_live_stream_goes_live_with_it(
 
         page_end.connect_to_server().on_message(take)
 
-    with served(tmp_path / "service") as (url, _), bench(tmp_path / "bench", url, wrench=rig) as story:
+    with bench(tmp_path, url, "before", rig) as story:
         story.wait_for("bench started")
         seen = watched(browser, url)
         until_stored(seen, f"{url}/api/v1/sessions/{story.session}/readings")
@@ -308,9 +315,9 @@ SMALL = """(least) => [...document.querySelectorAll('.bench-now *')]
 
 
 def test_it_can_be_read_from_two_metres_pressed_with_gloves_and_looked_back_in(
-    browser: Any, rig: dict[str, list[float]], tmp_path: Path
+    browser: Any, url: str, rig: dict[str, list[float]], tmp_path: Path
 ) -> None:
-    with served(tmp_path / "service") as (url, _), bench(tmp_path / "bench", url, wrench=rig) as story:
+    with bench(tmp_path, url, "read", rig) as story:
         seen = opened(browser, url, story)
         key(seen, "next").click()
         tared(seen, story, 1)

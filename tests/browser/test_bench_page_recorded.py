@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -15,39 +15,48 @@ from tests.server.service.processes import Process
 require_browser()
 
 
-def test_a_recorded_session_and_one_that_is_not_there_have_a_page_too(browser: Any, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Process]]:
+    """One service with its address, for sessions of different names."""
+    with served(tmp_path_factory.mktemp("service")) as found:
+        yield found
+
+
+def test_a_recorded_session_and_one_that_is_not_there_have_a_page_too(
+    browser: Any, service: tuple[str, Process]
+) -> None:
     from fingertwin.client import Client
 
-    with served(tmp_path) as (url, _):
-        with Client(url) as twin:
-            twin.upload("DEV-02")
-        seen = watched(browser, url)
-        seen.open("sessions/DEV-02/bench", "DEV-02: the bench")
-        seen.page.get_by_text("no bench is running").first.wait_for()
-        until(seen, "() => document.querySelectorAll('.protocol-grid .mark.measured').length > 10")
-        seen.page.locator(".finger-title").wait_for()
-        until(seen, "() => document.querySelector('[data-kind=measured]').textContent.includes(' N')")
-        assert "Model: an1979_middle." in seen.page.locator(".finger-views").inner_text()
-        assert "range not known" not in seen.text()
-        assert key(seen, "next").count() == 0
-        assert min(traces_drawn(seen)) > 100
-        for width in (1440, 900, 390):
-            seen.page.set_viewport_size({"width": width, "height": 900})
-            seen.page.wait_for_timeout(300)
-            assert seen.page.evaluate(BEYOND) <= 0
-            number, panel = (seen.page.locator(s).bounding_box() for s in (".now-force", ".bench-now"))
-            assert number["x"] + number["width"] <= panel["x"] + panel["width"]
-            cut = seen.page.locator(".protocol-scroll")
-            assert cut.evaluate("e => { e.scrollTo(0, 0); return e.scrollWidth > e.clientWidth; }")
-            before = shade(cut)
-            cut.evaluate("e => e.scrollTo(e.scrollWidth, 0)")
-            assert before > shade(cut) + 10
-        assert violations(seen.page) == []
-        seen.page.goto(f"{url}/#/sessions/nothing/bench")
-        seen.page.get_by_role("button", name="Try again").wait_for()
-        assert "There is no session nothing" in seen.text()
-        seen.page.close()
-        assert [c for c in seen.complaints if "404" not in c and "WebSocket" not in c] == []
+    url, _ = service
+    with Client(url) as twin:
+        twin.upload("DEV-02")
+    seen = watched(browser, url)
+    seen.open("sessions/DEV-02/bench", "DEV-02: the bench")
+    seen.page.get_by_text("no bench is running").first.wait_for()
+    until(seen, "() => document.querySelectorAll('.protocol-grid .mark.measured').length > 10")
+    seen.page.locator(".finger-title").wait_for()
+    until(seen, "() => document.querySelector('[data-kind=measured]').textContent.includes(' N')")
+    assert "Model: an1979_middle." in seen.page.locator(".finger-views").inner_text()
+    assert "range not known" not in seen.text()
+    assert key(seen, "next").count() == 0
+    assert min(traces_drawn(seen)) > 100
+    for width in (1440, 900, 390):
+        seen.page.set_viewport_size({"width": width, "height": 900})
+        seen.page.wait_for_timeout(300)
+        assert seen.page.evaluate(BEYOND) <= 0
+        number, panel = (seen.page.locator(s).bounding_box() for s in (".now-force", ".bench-now"))
+        assert number["x"] + number["width"] <= panel["x"] + panel["width"]
+        cut = seen.page.locator(".protocol-scroll")
+        assert cut.evaluate("e => { e.scrollTo(0, 0); return e.scrollWidth > e.clientWidth; }")
+        before = shade(cut)
+        cut.evaluate("e => e.scrollTo(e.scrollWidth, 0)")
+        assert before > shade(cut) + 10
+    assert violations(seen.page) == []
+    seen.page.goto(f"{url}/#/sessions/nothing/bench")
+    seen.page.get_by_role("button", name="Try again").wait_for()
+    assert "There is no session nothing" in seen.text()
+    seen.page.close()
+    assert [c for c in seen.complaints if "404" not in c and "WebSocket" not in c] == []
 
 
 # Every headline and every state of the bench that a page shows from the beginning, in window.shown.
@@ -66,16 +75,18 @@ REMEMBER = """(() => {
 
 @pytest.mark.parametrize("speed", [1, 40])
 def test_while_a_recording_is_replayed_the_headline_says_so_and_afterwards_that_no_bench_is_running(
-    browser: Any, tmp_path: Path, speed: int
+    browser: Any, service: tuple[str, Process], speed: int
 ) -> None:
-    with served(tmp_path / "service") as (url, process), process.client() as client:
-        replay = Process(["-m", "server.cli", "replay", "DEV-02", "--to", url, "--speed", str(speed)])
+    (url, process), name = service, f"replayed-{speed}"
+    with process.client() as client:
+        words = ["replay", "DEV-02", "--to", url, "--session", name, "--speed", str(speed)]
+        replay = Process(["-m", "server.cli", *words])
         try:
-            while client.get("/api/v1/sessions/DEV-02").status_code == 404:
+            while client.get(f"/api/v1/sessions/{name}").status_code == 404:
                 time.sleep(0.1)
             seen = watched(browser, url)
             seen.page.add_init_script(REMEMBER)
-            seen.open("sessions/DEV-02/bench", "DEV-02: the bench")
+            seen.open(f"sessions/{name}/bench", f"{name}: the bench")
             seen.page.locator(".now-todo").get_by_text("a recording is being replayed").wait_for()
             seen.page.wait_for_timeout(5000)
             assert replay.process.poll() is None, "the replay was over before it was looked at"

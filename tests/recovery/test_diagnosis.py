@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,16 +16,14 @@ from daq.errors import ModelError
 from daq.sessions import parse_session, read_session, write_session
 from daq.signals.corrections import measure
 from fingermodel.diagnosis.answer.addition import add_effects
-from fingermodel.diagnosis.answer.answer import answer, nulls_beside
+from fingermodel.diagnosis.answer.answer import answer, nulls_beside, predictive
 from fingermodel.diagnosis.answer.ranking import parameters_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
-from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import unlike_sound
 from fingermodel.diagnosis.session_model.slip_odds import Explained
-from fingermodel.diagnosis.several_sessions import several
-from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
+from fingermodel.diagnosis.verdict.predictive import check, holding, predicted, together
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.diagnosis.verdict.verdict import doubted, with_unlike
 from fingermodel.session import Session
@@ -171,9 +168,42 @@ def test_the_error_falls_on_the_validation_cases(session: str) -> None:
     assert before is not None
     assert after is not None
     assert after < before
-    check = answered(session)["predictive_check"]
-    assert check["log_density_after"] > check["log_density_before"]
-    assert check["p_value_after"] > 1e-3
+    checked = answered(session)["predictive_check"]
+    assert checked["log_density_after"] > checked["log_density_before"]
+    assert checked["p_value_after"] > 1e-3
+
+
+def test_the_chance_that_is_told_as_judged_is_the_one_that_the_verdict_is_held_against() -> None:
+    found = diagnosed("DEV-02")[1]  # where two forms of one effect share the probability
+    best, shares = found.best.explanation, holding(found.posterior, found.best)
+    checks = {e: replace(found.checks[e], p_value=1e-6 if e == best else 0.5) for e in found.checks}
+    judged = together(checks, shares)
+    assert judged is not None
+    assert judged > 1e-6
+    assert predictive(replace(found, checks=checks))["p_value_after"] == judged
+
+
+@pytest.mark.parametrize("unlike", [False, True])
+def test_a_validation_case_that_is_spoilt_is_named_unless_something_may_act_that_no_fitted_case_shows(
+    unlike: bool,
+) -> None:
+    fit = diagnosed("DEV-08")[1].best
+    sound = check(fit)
+    assert sound.bad == {}
+    assert not sound.vetoes
+    observations = fit.session.observations
+    apart = fit.session.unlike_fitted
+    spoilt = next(int(case) for case in observations.where("validation") if (int(case) in apart) == unlike)
+    wrench = observations.wrench.copy()
+    wrench[spoilt, :3] += 1.0
+    session = replace(
+        fit.session, problem=replace(fit.session.problem, observations=replace(observations, wrench=wrench))
+    )
+    told = check(replace(fit, session=session))
+    assert list(told.bad) == ([] if unlike else [spoilt])
+    assert list(told.missed) == ([spoilt] if unlike else [])
+    assert told.vetoes == unlike
+    assert predicted(fit).covariance.shape == (len(predicted(fit).away),) * 2
 
 
 def test_hints_say_where_something_unknown_acts() -> None:
@@ -361,62 +391,6 @@ def test_what_rigs_are_known_to_do_is_recognised_and_can_be_added(tmp_path: Path
     unseen = [c.select(role="validation").errors("space").rmse_N for c in (before, after)]
     assert None not in unseen
     assert unseen[1] < 0.6 * unseen[0]  # type: ignore[operator]
-
-
-def pooled_of(folder: Path, drawn: Mapping[int, Mapping[str, Any]], outside: str | None = None) -> Pooled:
-    """Sessions of specimens, each with what acts in it, diagnosed together."""
-    sessions = []
-    for specimen, effects in drawn.items():
-        own = folder / str(specimen)
-        own.mkdir()
-        draw_session(own, specimen, dict(effects) or None, outside, protocol="short", nuisance_scale=0.8)
-        sessions.append(Session.open(own))
-    return diagnose_pooled(sessions)
-
-
-def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
-    fault = {"zero_offset.bone": (0.3, 0.2, -0.2)}
-    pooled = pooled_of(tmp_path, {21: fault, 22: fault})
-    assert (pooled.verdict.kind, pooled.verdict.names) == ("found", ("zero_offset.bone",))
-    best = pooled.ranking[0]
-    assert best.one_size
-    assert best.value == pytest.approx([0.3, 0.2, -0.2], abs=0.08)
-
-
-def test_a_fault_of_the_rig_shows_beside_what_is_a_specimens_own(tmp_path: Path) -> None:
-    # By itself it explains the second session no better than chance: there the flexors bowstring besides.
-    pooled = pooled_of(tmp_path, {21: {"hanger_mass": 25.0}, 22: {"hanger_mass": 25.0, "bowstringing": 0.4}})
-    assert (pooled.verdict.kind, pooled.verdict.names) == ("found", ("hanger_mass",)), pooled.verdict
-    best = pooled.ranking[0]
-    # The simulator's hangers differ from tendon to tendon, and in every session anew: their mean is one, they are not.
-    assert best.value[0] == pytest.approx(25.0, abs=3.0)
-    assert abs(best.log_evidence_shared - best.log_evidence_own) < 5.0
-    assert [each.own for each in best.each] == [(), ("bowstringing",)]
-    assert "bowstringing in SIM-00022" in pooled.verdict.sentence
-
-
-def test_what_only_all_together_show_is_known_in_each_where_a_further_law_is_looked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fits: list[Optimum] = []
-    monkeypatch.setattr(several, "shared_finding", lambda _sessions, _of, known, *_: fits.extend(known))
-    pooled = pooled_of(tmp_path, {specimen: {"rig_friction": 0.025} for specimen in (21, 22, 23)})
-    assert (pooled.verdict.kind, pooled.verdict.names) == ("found", ("rig_friction",))
-    assert not any(d.verdict.kind == "found" for d in pooled.diagnoses)
-    assert [fit.explanation.names for fit in fits] == [("rig_friction",)] * 3
-
-
-@pytest.mark.full
-def test_what_one_specimen_has_is_not_called_shared(tmp_path: Path) -> None:
-    pooled = pooled_of(tmp_path, {21: {}, 22: {"bowstringing": 0.4}, 23: {}})
-    assert (pooled.verdict.kind, pooled.verdict.names) == ("undecided", ())
-    assert "in SIM-00022 bowstringing acts" in pooled.verdict.sentence
-    assert pooled.p_apart > 0.9
-
-
-@pytest.mark.full
-def test_what_no_effect_describes_lends_itself_to_none_that_is_shared(tmp_path: Path) -> None:
-    assert not pooled_of(tmp_path, {21: {}, 22: {}}, "tissue_relaxation").verdict.names
 
 
 def test_a_few_cases_decide_nothing(tmp_path: Path) -> None:

@@ -6,21 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from fingermodel.diagnosis.answer.answer import predictive
-from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.verdict.predictive import check, holding, predicted, together
+from fingermodel.diagnosis.verdict.predictive import check
 from fingermodel.fitting.identification import drawn_starts, slopes_of
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
 from tests.simulator import draw_session
-
-
-@pytest.fixture(scope="module")
-def found() -> Diagnosis:
-    return run_diagnosis(Session.open("DEV-08"))
 
 
 def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:
@@ -55,39 +47,6 @@ def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
     session = session_of(bench.model, replace(bench.observations, noise=bench.observations.noise.turned(turn)))
     assert not np.isin(session.rows, moments).any()
     assert np.isin(6 * held, session.rows[~session.fitted]).all()
-
-
-def test_the_chance_that_is_told_as_judged_is_the_one_that_the_verdict_is_held_against() -> None:
-    found = run_diagnosis(Session.open("DEV-02"))  # where two forms of one effect share the probability
-    best, shares = found.best.explanation, holding(found.posterior, found.best)
-    checks = {e: replace(found.checks[e], p_value=1e-6 if e == best else 0.5) for e in found.checks}
-    judged = together(checks, shares)
-    assert judged is not None
-    assert judged > 1e-6
-    assert predictive(replace(found, checks=checks))["p_value_after"] == judged
-
-
-@pytest.mark.parametrize("unlike", [False, True])
-def test_a_validation_case_that_is_spoilt_is_named_unless_something_may_act_that_no_fitted_case_shows(
-    unlike: bool, found: Diagnosis
-) -> None:
-    sound = check(found.best)
-    assert sound.bad == {}
-    assert not sound.vetoes
-    fit = found.best
-    observations = fit.session.observations
-    apart = fit.session.unlike_fitted
-    spoilt = next(int(case) for case in observations.where("validation") if (int(case) in apart) == unlike)
-    wrench = observations.wrench.copy()
-    wrench[spoilt, :3] += 1.0
-    session = replace(
-        fit.session, problem=replace(fit.session.problem, observations=replace(observations, wrench=wrench))
-    )
-    told = check(replace(fit, session=session))
-    assert list(told.bad) == ([] if unlike else [spoilt])
-    assert list(told.missed) == ([spoilt] if unlike else [])
-    assert told.vetoes == unlike
-    assert predicted(fit).covariance.shape == (len(predicted(fit).away),) * 2
 
 
 def test_without_validation_cases_nothing_is_vetoed() -> None:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import plotly.graph_objects as go
 import pytest
 from matplotlib.image import imread
 
 from server.figures.compared import Compared
-from server.figures.static import UnsupportedFigureError, render
+from server.figures.static import UnsupportedFigureError, render, write_static
+from server.figures.static_axes import finish_axes
 from server.figures.summary import errors_figure
 from server.figures.vectors import vector_figure
 from server.figures.zscores import z_figure
@@ -149,6 +152,16 @@ def test_a_figure_drawn_twice_gives_the_same_bytes() -> None:
     assert render(figure, "svg") == render(figure, "svg")
     assert render(z_figure([("model", comparison)]), "png") == render(z_figure([("model", comparison)]), "png")
     assert b"<dc:date>" not in render(errors_figure([("model", comparison)]), "svg")
+
+
+def test_both_files_of_a_figure_come_of_one_layout_and_are_what_each_is_alone(tmp_path: Path) -> None:
+    model, observations, comparison = ordinary()
+    figures = {"vectors": vector_figure(Compared(model, observations, comparison)), "z": z_figure([("m", comparison)])}
+    alone = {f"{n}.{kind}": render(figure, kind) for n, figure in figures.items() for kind in ("png", "svg")}
+    with patch("server.figures.static.finish_axes", wraps=finish_axes) as laid_out:
+        written = write_static(tmp_path, figures)
+    assert {path.name: path.read_bytes() for path in written} == alone
+    assert laid_out.call_count == len(figures)
 
 
 @pytest.mark.parametrize(

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Barrier
 from typing import Any, Literal, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from filelock import FileLock
 from jax import Array
 
 from fingermodel.budget import Budget
 from fingermodel.comparison.observations import Observations
+from fingermodel.compiled import programs
 from fingermodel.compiled.programs import stored
 from fingermodel.effects.user import load_effect
 from fingermodel.fingers import Topology
@@ -95,8 +100,41 @@ def test_a_damaged_file_is_traced_anew(cache: Path, damage: bytes | None) -> Non
 
 
 def test_a_place_that_cannot_be_written_is_no_error(cache: Path) -> None:
-    cache.write_text("a file where the folder should be", encoding="utf-8")
+    for folder in (cache, cache.with_name("locks")):
+        folder.write_text("a file where the folder should be", encoding="utf-8")
     assert float(program([])(Shape(2), np.arange(3.0)).total) == 5.0
+
+
+def test_of_those_that_start_at_once_one_makes_a_program(cache: Path) -> None:
+    traced: list[int] = []
+    together = Barrier(2)
+
+    class Slow(list[int]):
+        def append(self, power: int) -> None:
+            traced.append(power)
+            time.sleep(0.3)
+
+    def start() -> float:
+        run = program(Slow())
+        together.wait()
+        return float(run(Shape(2), np.arange(3.0)).total)
+
+    with ThreadPoolExecutor(2) as both:
+        answers = [both.submit(start) for _ in range(2)]
+        assert [answer.result() for answer in answers] == [5.0, 5.0]
+    assert traced == [2]
+
+
+def test_a_program_is_kept_once_it_is_compiled_and_waits_for_no_other_for_ever(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(programs, "WAIT_S", 0.1)
+    program([])(Shape(2), np.arange(3.0))
+    (file,) = cache.iterdir()
+    file.unlink()
+    with FileLock(cache.with_name("locks") / file.name):
+        assert float(program([])(Shape(2), np.arange(3.0)).total) == 5.0
+    assert file.exists()
 
 
 def test_it_can_be_differentiated(cache: Path) -> None:

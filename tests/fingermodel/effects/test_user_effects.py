@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from daq.errors import ModelError
 from fingermodel.effects.contract_cases import states_before
 from fingermodel.effects.formula_effect import FormulaEffect
-from fingermodel.effects.user import load_effect
+from fingermodel.effects.user import load_effect, require_contract
 from fingermodel.fingers import Topology
 from fingermodel.fingers.files import read_finger
 from fingermodel.stages import Layout, LoadCaseInput, State
@@ -142,3 +143,18 @@ def test_joints_and_muscles_that_the_finger_lacks_are_named(topology: Topology) 
         with pytest.raises(ModelError) as found:
             effect.parameters(topology, ANY_LAYOUT)
         assert said in one_line(found)
+
+
+def test_an_effect_is_tried_on_a_finger_by_few_programs() -> None:
+    compiled: list[str] = []
+
+    def listener(event: str, duration_secs: float, **_: str | int) -> None:
+        compiled.append(f"{event} took {duration_secs} s")
+
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        require_contract(made("torque[PIP] += k * t_FDS"), read_finger("synek2019_bonobo").topology, ANY_LAYOUT)
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+    # One for the states before it, two for the effect, and some operations outside them; by operations, over a hundred.
+    assert 0 < sum("backend_compile_duration" in event for event in compiled) < 40
