@@ -213,7 +213,7 @@ def test_hints_say_where_something_unknown_acts() -> None:
     assert gains == sorted(gains, reverse=True)
     assert min(gains) > 0.0
     assert found.hints[0].log_evidence_gain > 3.0
-    assert all(h.formula.startswith(("torque[", "tension[", "force.")) for h in found.hints)
+    assert all(h.law.text.startswith(("torque[", "tension[", "force.")) for h in found.hints)
     curve = found.curves[0]
     assert curve.log_evidence > 3.0
     assert np.isfinite(curve.sd).all()
