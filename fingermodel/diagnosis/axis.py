@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import erf
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import erf
 
 from fingermodel.arrays import Floats
 
@@ -25,7 +25,7 @@ class Axis:
     def size(cls, some: float, scale: float, values: ArrayLike) -> Axis:
         """Of a size that may be none: an atom at none, else half-normal; `some` that it is not none."""
         at = np.array(values)
-        cells = _cells(at, lambda x: erf(x / (np.sqrt(2.0) * scale)))
+        cells = _cells(at, lambda edges: np.array([erf(x / (np.sqrt(2.0) * scale)) for x in edges]))
         return cls(at, np.log(cells), scale).with_atom(some)
 
     def times(self, unit: float) -> Axis:

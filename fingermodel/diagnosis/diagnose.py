@@ -53,11 +53,7 @@ from fingermodel.model import Model
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found out about one session.
-
-    Attributes:
-        checks: predictive check of explanations on the validation cases, by explanation.
-    """
+    """What was found out about one session."""
 
     session: Session  # the readings and the base model
     candidates: Candidates  # that were searched
@@ -67,6 +63,7 @@ class Diagnosis:
     refitted: Optimum  # the base model as `refit` fits it: errors before anything is added are of this
     confounding: Confounding  # what the protocol cannot tell apart
     verdict: Verdict  # with its reasons
+    # Predictive check of explanations on the validation cases, by explanation.
     checks: dict[Explanation, PredictiveCheck]
     sensitivity: Sensitivity  # the verdict's probability under other assumptions
     faults: tuple[SessionFault, ...]  # of the whole session (labels, side, signs, units, gain), most probable first

@@ -60,13 +60,9 @@ def predictor(setup: BenchSetup, model: str | None = None) -> Predict:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Predictions of the planned cases.
+    """Predictions of the planned cases."""
 
-    Attributes:
-        table: force (3,) [N] of each.
-    """
-
-    table: Mapping[Key, Floats]
+    table: Mapping[Key, Floats]  # force (3,) [N] of each
 
     def __call__(self, case: LoadCase) -> tuple[Floats, Floats] | None:
         """Return the force (3,) and the half width (3,) of its band [N]."""

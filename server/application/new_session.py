@@ -48,17 +48,11 @@ class LaidNotes:
 
 @dataclass(frozen=True)
 class Suspect:
-    """A case whose reading looks like something else: its id, what that is, and the share of it left unexplained.
+    """A case whose reading looks like something else: its id, what that is, and the share of it left unexplained."""
 
-    Attributes:
-        case: its id.
-        words: what was done instead.
-        own: of the reading, unexplained by what was entered; other: by what was done instead.
-    """
-
-    case: str
-    words: str
-    own: float
+    case: str  # its id
+    words: str  # what was done instead
+    own: float  # of the reading, unexplained by what was entered; other: by what was done instead
     other: float
 
 

@@ -47,17 +47,11 @@ Answer = Callable[[str | None], None]
 
 @dataclass(frozen=True)
 class Pressed:
-    """A key pressed by the user, as a request.
+    """A key pressed by the user, as a request."""
 
-    Attributes:
-        command: of a bench run, or `quit`.
-        argument: that belongs to it.
-        answer: is told why it was not done, or None where it was; None where nobody waits for it.
-    """
-
-    command: str
-    argument: str = ""
-    answer: Answer | None = None
+    command: str  # of a bench run, or `quit`
+    argument: str = ""  # that belongs to it
+    answer: Answer | None = None  # is told why it was not done, or None where it was; None where nobody waits for it
 
 
 class KeyInput:

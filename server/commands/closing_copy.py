@@ -15,16 +15,11 @@ from server.commands.console import progress, say
 
 @dataclass
 class Closed:
-    """A journal that was written and closed.
+    """A journal that was written and closed."""
 
-    Attributes:
-        path: of its file, None where there is none.
-        displaced: what became of the file that it began in, None where that is this one.
-        lost: what an earlier log had written into it and was gone when this one began, None where nothing was.
-    """
-
-    path: Path | None = None
-    displaced: JournalError | None = None
+    path: Path | None = None  # of its file, None where there is none
+    displaced: JournalError | None = None  # what became of the file that it began in, None where that is this one
+    # What an earlier log had written into it and was gone when this one began, None where nothing was.
     lost: JournalError | None = None
 
 

@@ -21,41 +21,24 @@ from server.commands.closing_copy import Closed
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Options of `fingertwin log`.
+    """Options of `fingertwin log`."""
 
-    Attributes:
-        driver: its name, or `list`.
-        port: what it hangs on.
-        baud: of a serial port.
-        settings: `name=value`, as they were given.
-        out: folder of the log.
-        seconds: after which it ends; None goes on until Ctrl-C or the recording is over.
-        cell: model, serial number and calibration of the load cell, as far as given.
-        protocol: that a bench session follows, by name or file.
-        setup: file of what is known before the first reading.
-        model: that predictions are made with; by default the setup's finger.
-        to: address of a service that the log goes to.
-        session: there; by default the folder's name.
-        resume: whether a bench session that broke off goes on.
-        document: of a recorded session that is replayed.
-        copy_to: folder of a closing copy, on another disk or share.
-    """
-
-    driver: str
-    port: str | None
-    baud: int | None
-    settings: tuple[str, ...]
-    out: Path | None
-    seconds: float | None
+    driver: str  # its name, or `list`
+    port: str | None  # what it hangs on
+    baud: int | None  # of a serial port
+    settings: tuple[str, ...]  # `name=value`, as they were given
+    out: Path | None  # folder of the log
+    seconds: float | None  # after which it ends; None goes on until Ctrl-C or the recording is over
+    # Model, serial number and calibration of the load cell, as far as given.
     cell: dict[str, str] = field(default_factory=dict)
-    protocol: str | None = None
-    setup: Path | None = None
-    model: str | None = None
-    to: str | None = None
-    session: str | None = None
-    resume: bool = False
-    copy_to: Path | None = None
-    document: Mapping[str, Any] | None = None
+    protocol: str | None = None  # that a bench session follows, by name or file
+    setup: Path | None = None  # file of what is known before the first reading
+    model: str | None = None  # that predictions are made with; by default the setup's finger
+    to: str | None = None  # address of a service that the log goes to
+    session: str | None = None  # there; by default the folder's name
+    resume: bool = False  # whether a bench session that broke off goes on
+    copy_to: Path | None = None  # folder of a closing copy, on another disk or share
+    document: Mapping[str, Any] | None = None  # of a recorded session that is replayed
     passing: bool = False
 
     @property

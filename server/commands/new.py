@@ -56,24 +56,17 @@ from server.commands.questions import ask, ask_finger, ask_postures, lines, numb
 
 @dataclass(frozen=True)
 class NewOptions:
-    """Arguments of the command.
+    """Arguments of the command."""
 
-    Attributes:
-        recordings: in the order in which they were made.
-        out: folder of the session.
-        notes: notebook; setup: bench-setup/1; like: an earlier session of the same rig; mapping: lab-file-map/1.
-        postures: such as `hook: MCP 0 PIP 65 DIP 50`.
-        yes: take all proposals, ask nothing.
-    """
-
-    recordings: tuple[Path, ...]
-    out: Path
+    recordings: tuple[Path, ...]  # in the order in which they were made
+    out: Path  # folder of the session
+    # Notebook; setup: bench-setup/1; like: an earlier session of the same rig; mapping: lab-file-map/1.
     notes: Path | None
     setup: Path | None
     like: Path | None
     mapping: Path | None
-    postures: tuple[str, ...]
-    yes: bool
+    postures: tuple[str, ...]  # such as `hook: MCP 0 PIP 65 DIP 50`
+    yes: bool  # take all proposals, ask nothing
 
 
 def new_session(options: NewOptions, json: str | None) -> None:

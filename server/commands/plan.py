@@ -34,27 +34,19 @@ from server.figures.comparison_words import counted
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Arguments of the command.
+    """Arguments of the command."""
 
-    Attributes:
-        out: folder of the plan.
-        finger: shipped name or file.
-        bones: such as `PP=40.1`; moment_arms: such as `FDP@MCP=10.2`; references: of the finger's own bones.
-        protocol: shipped name or file; loads: file with lines such as `FDP 950, hook, tip` instead.
-        postures: such as `hook: MCP 0 PIP 65 DIP 50`; only: names of those to keep.
-        title: of the sheet.
-    """
-
-    out: Path
-    finger: str | None
+    out: Path  # folder of the plan
+    finger: str | None  # shipped name or file
+    # Such as `PP=40.1`; moment_arms: such as `FDP@MCP=10.2`; references: of the finger's own bones.
     bones: Sequence[str]
     moment_arms: Sequence[str]
     references: Sequence[str]
-    protocol: str | None
+    protocol: str | None  # shipped name or file; loads: file with lines such as `FDP 950, hook, tip` instead
     loads: Path | None
-    postures: Sequence[str]
+    postures: Sequence[str]  # such as `hook: MCP 0 PIP 65 DIP 50`; only: names of those to keep
     only: Sequence[str]
-    title: str | None
+    title: str | None  # of the sheet
 
 
 def plan_bench(options: PlanOptions, json: str | None) -> None:

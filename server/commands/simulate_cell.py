@@ -32,29 +32,17 @@ LAST_PORT = 65535
 
 @dataclass(frozen=True)
 class Options:
-    """Options of `fingertwin simulate-cell`.
+    """Options of `fingertwin simulate-cell`."""
 
-    Attributes:
-        device: a stand-in's name.
-        wire: pty, tcp or udp; by default what fits the device and this system.
-        port: of TCP or UDP; 0 is any free one.
-        link: a name for the pseudo-terminal that stays.
-        play: a session, a readings file, or a protocol that a simulated rig follows.
-        rate_hz: of a simulated rig.
-        seconds: after which it ends; None plays to the end.
-        seed: of noise and faults.
-        settings: of the device, `name=value`, as they were given.
-    """
-
-    device: str
-    wire: str | None
-    port: int
-    link: str | None
-    play: str
-    rate_hz: float
-    seconds: float | None
-    seed: int
-    settings: tuple[str, ...] = ()
+    device: str  # a stand-in's name
+    wire: str | None  # pty, tcp or udp; by default what fits the device and this system
+    port: int  # of TCP or UDP; 0 is any free one
+    link: str | None  # a name for the pseudo-terminal that stays
+    play: str  # a session, a readings file, or a protocol that a simulated rig follows
+    rate_hz: float  # of a simulated rig
+    seconds: float | None  # after which it ends; None plays to the end
+    seed: int  # of noise and faults
+    settings: tuple[str, ...] = ()  # of the device, `name=value`, as they were given
 
 
 def list_devices(json: str | None) -> None:

@@ -39,29 +39,17 @@ _LONGEST = 0.6
 
 @dataclass(frozen=True)
 class Hung:
-    """Weights on the tendons, and the known forces on the cell.
+    """Weights on the tendons, and the known forces on the cell."""
 
-    Attributes:
-        masses_g: on each tendon.
-        location: of the cell: tip or bone.
-        case: its id, empty where none is meant.
-        role: of the case.
-        measured_N: (3,) in mount axes; None where it is not known.
-        measured_sd_N: (3,) its standard uncertainty.
-        predicted_N: (3,); None where it is not known, or may not be seen.
-        note: a sentence, such as why no prediction is shown.
-        beside: a second prediction, with its name in the legend.
-    """
-
-    masses_g: Mapping[str, float]
-    location: str = "tip"
-    case: str = ""
-    role: str = ""
-    measured_N: Floats | None = None
-    measured_sd_N: Floats | None = None
-    predicted_N: Floats | None = None
-    note: str = ""
-    beside: tuple[str, Floats] | None = None
+    masses_g: Mapping[str, float]  # on each tendon
+    location: str = "tip"  # of the cell: tip or bone
+    case: str = ""  # its id, empty where none is meant
+    role: str = ""  # of the case
+    measured_N: Floats | None = None  # (3,) in mount axes; None where it is not known
+    measured_sd_N: Floats | None = None  # (3,) its standard uncertainty
+    predicted_N: Floats | None = None  # (3,); None where it is not known, or may not be seen
+    note: str = ""  # a sentence, such as why no prediction is shown
+    beside: tuple[str, Floats] | None = None  # a second prediction, with its name in the legend
 
 
 def finger_figure(

@@ -20,25 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A comparison, with the model and the session that it is of.
+    """A comparison, with the model and the session that it is of."""
 
-    Attributes:
-        model: that was compared.
-        observations: of the session, for postures and tensions.
-        comparison: of both.
-        before: name and comparison of the model that it is held against.
-        spread: between specimens by case, where the session is their average (see `arrows.spread_between`).
-        theta: fitted parameters of `comparison`; by default the model before any fit.
-        name: of the model, for titles.
-    """
-
-    model: Model
-    observations: Observations
-    comparison: Comparison
-    before: tuple[str, Comparison] | None = None
+    model: Model  # that was compared
+    observations: Observations  # of the session, for postures and tensions
+    comparison: Comparison  # of both
+    before: tuple[str, Comparison] | None = None  # name and comparison of the model that it is held against
+    # Between specimens by case, where the session is their average (see `arrows.spread_between`).
     spread: Mapping[str, Spread] | None = None
-    theta: NDArray[np.float64] | None = None
-    name: str = "Model"
+    theta: NDArray[np.float64] | None = None  # fitted parameters of `comparison`; by default the model before any fit
+    name: str = "Model"  # of the model, for titles
 
     @classmethod
     def of(

@@ -43,19 +43,12 @@ _NOTHING_N = 1e-6
 
 @dataclass(frozen=True)
 class Setting:
-    """A parameter of the effect and the value that it is given.
+    """A parameter of the effect and the value that it is given."""
 
-    Attributes:
-        name: of the parameter.
-        value: that it is given.
-        unit: of that value.
-        why: where the value comes from, in a few words.
-    """
-
-    name: str
-    value: float
-    unit: str
-    why: str
+    name: str  # of the parameter
+    value: float  # that it is given
+    unit: str  # of that value
+    why: str  # where the value comes from, in a few words
 
 
 def effect_figure(

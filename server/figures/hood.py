@@ -37,23 +37,15 @@ _BARS, _BARS_GAP = 190, 56  # [px]
 
 @dataclass(frozen=True)
 class NetworkPanel:
-    """A network in one posture.
+    """A network in one posture."""
 
-    Attributes:
-        title: of the panel.
-        home_mm: (nodes, 2) along (proximal) and round the bone (radial), where nothing pulls, on the straight finger.
-        moved_mm: (nodes, 2) displacement under load, in the same axes.
-        force_N: (springs,), 0 where slack.
-        bones_mm: (points, 2) the bones' axes from the tip to the hand, seen from the radial side.
-        side_mm: (nodes, 2) the nodes under load, seen from the radial side.
-    """
-
-    title: str
+    title: str  # of the panel
+    # (nodes, 2) along (proximal) and round the bone (radial), where nothing pulls, on the straight finger.
     home_mm: Floats
-    moved_mm: Floats
-    force_N: Floats
-    bones_mm: Floats
-    side_mm: Floats
+    moved_mm: Floats  # (nodes, 2) displacement under load, in the same axes
+    force_N: Floats  # (springs,), 0 where slack
+    bones_mm: Floats  # (points, 2) the bones' axes from the tip to the hand, seen from the radial side
+    side_mm: Floats  # (nodes, 2) the nodes under load, seen from the radial side
 
 
 def network_figure(

@@ -10,19 +10,12 @@ from server.figures import graph_objects as go
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure with its heading and caption.
+    """A figure with its heading and caption."""
 
-    Attributes:
-        name: for files and addresses.
-        heading: above it; empty where it stands under another's.
-        figure: drawn.
-        caption: a sentence below it.
-    """
-
-    name: str
-    heading: str
-    figure: go.Figure
-    caption: str = ""
+    name: str  # for files and addresses
+    heading: str  # above it; empty where it stands under another's
+    figure: go.Figure  # drawn
+    caption: str = ""  # a sentence below it
 
 
 @dataclass(frozen=True)

@@ -17,19 +17,12 @@ _STUB = 0.85  # how much of the metacarpal is drawn, against the first phalanx
 
 @dataclass(frozen=True)
 class FingerPose:
-    """A finger in one posture, in the first bone's frame.
+    """A finger in one posture, in the first bone's frame."""
 
-    Attributes:
-        origins: (bones, 3) where each bone's own frame stands [mm].
-        rotations: (bones, 3, 3) take a vector's components in a bone to the first bone.
-        load_point: (3,) [mm].
-        posture: (rotations,) [rad].
-    """
-
-    origins: Floats
-    rotations: Floats
-    load_point: Floats
-    posture: Floats
+    origins: Floats  # (bones, 3) where each bone's own frame stands [mm]
+    rotations: Floats  # (bones, 3, 3) take a vector's components in a bone to the first bone
+    load_point: Floats  # (3,) [mm]
+    posture: Floats  # (rotations,) [rad]
 
     @property
     def tip_rotation(self) -> Floats:

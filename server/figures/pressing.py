@@ -20,19 +20,12 @@ _WIDE, _NARROW = 0.36, 0.18
 
 @dataclass(frozen=True)
 class Panel:
-    """One posture.
+    """One posture."""
 
-    Attributes:
-        title: of the panel.
-        columns: names of the forces.
-        published: model → (mean, spread) of each column.
-        ours: model → each column.
-    """
-
-    title: str
-    columns: Sequence[str]
-    published: Mapping[str, Sequence[tuple[float, float]]]
-    ours: Mapping[str, Sequence[float]]
+    title: str  # of the panel
+    columns: Sequence[str]  # names of the forces
+    published: Mapping[str, Sequence[tuple[float, float]]]  # model → (mean, spread) of each column
+    ours: Mapping[str, Sequence[float]]  # model → each column
 
 
 def pressing_figure(panels: Sequence[Panel], models: Mapping[str, str]) -> go.Figure:

@@ -19,21 +19,14 @@ Attributes = Mapping[str, Any]
 
 @dataclass
 class Canvas:
-    """A figure under construction.
+    """A figure under construction."""
 
-    Attributes:
-        figure: of Matplotlib.
-        layout: of Plotly.
-        plot: left, bottom, width, height of the plotting area, in parts of the figure.
-        subplots: axes by the ids of their x and y axis, such as ("x2", "y2").
-        categories: names on each category axis, by axis id.
-    """
-
-    figure: Figure
-    layout: Attributes
-    plot: tuple[float, float, float, float]
+    figure: Figure  # of Matplotlib
+    layout: Attributes  # of Plotly
+    plot: tuple[float, float, float, float]  # left, bottom, width, height of the plotting area, in parts of the figure
+    # Axes by the ids of their x and y axis, such as ("x2", "y2").
     subplots: dict[tuple[str, str], Axes] = field(default_factory=dict)
-    categories: dict[str, list[str]] = field(default_factory=dict)
+    categories: dict[str, list[str]] = field(default_factory=dict)  # names on each category axis, by axis id
 
     @property
     def font(self) -> Attributes:

@@ -34,15 +34,10 @@ MEASURED_PX, PREDICTED_PX = 3.2, 1.6
 
 
 class Beside(NamedTuple):
-    """Further forces by case, beside the measured and the predicted ones.
+    """Further forces by case, beside the measured and the predicted ones."""
 
-    Attributes:
-        name: of the forces in the legend.
-        force_N: (3,) by the case's id.
-    """
-
-    name: str = ""
-    force_N: Mapping[str, Floats] = MappingProxyType({})
+    name: str = ""  # of the forces in the legend
+    force_N: Mapping[str, Floats] = MappingProxyType({})  # (3,) by the case's id
 
 
 def chosen_cases(comparison: Comparison, location: str, ids: Iterable[str] | None = None) -> list[CaseComparison]:

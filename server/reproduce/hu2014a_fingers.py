@@ -22,19 +22,12 @@ PUBLISHED = {"minimal": "minimal", "chao": "full"}
 
 @dataclass(frozen=True)
 class Pressed:
-    """Both models at one load, per newton, columns as in `COLUMNS`.
+    """Both models at one load, per newton, columns as in `COLUMNS`."""
 
-    Attributes:
-        name: of the load.
-        postures: of the study that it stands for.
-        forces: model → column → force.
-        push: model → muscles that it asks to push.
-    """
-
-    name: str
-    postures: tuple[int, ...]
-    forces: dict[str, dict[str, float]]
-    push: dict[str, tuple[str, ...]]
+    name: str  # of the load
+    postures: tuple[int, ...]  # of the study that it stands for
+    forces: dict[str, dict[str, float]]  # model → column → force
+    push: dict[str, tuple[str, ...]]  # model → muscles that it asks to push
 
     @property
     def title(self) -> str:

@@ -39,47 +39,28 @@ BY_LAW = 0.4
 
 @dataclass(frozen=True)
 class Held:
-    """The hood in one posture under one load.
+    """The hood in one posture under one load."""
 
-    Attributes:
-        name: of the load.
-        size_N: of the load.
-        posture: (rotations,) [rad].
-        pulls_N: of the muscles, by name.
-        length_mm: (springs,) where nothing pulls.
-        change_mm: (springs,) of their lengths; negative where slack.
-        force_N: (springs,), 0 where slack.
-        change_within_mm: (springs,) by how much half a digit of Table 1 in every muscle force moves `change_mm`.
-        force_within_N: likewise.
-        home_mm: (nodes, 2) along (proximal of the MCP centre, on the straight finger) and around, where nothing pulls.
-        moved_mm: (nodes, 2) displacement under load, in the same axes.
-        slips_N: tension of the finger's slips and of the muscles that pull at the hood.
-    """
-
-    name: str
-    size_N: float
-    posture: Floats
-    pulls_N: dict[str, float]
-    length_mm: Floats
-    change_mm: Floats
-    force_N: Floats
-    change_within_mm: Floats
-    force_within_N: Floats
+    name: str  # of the load
+    size_N: float  # of the load
+    posture: Floats  # (rotations,) [rad]
+    pulls_N: dict[str, float]  # of the muscles, by name
+    length_mm: Floats  # (springs,) where nothing pulls
+    change_mm: Floats  # (springs,) of their lengths; negative where slack
+    force_N: Floats  # (springs,), 0 where slack
+    change_within_mm: Floats  # (springs,) by how much half a digit of Table 1 in every muscle force moves `change_mm`
+    force_within_N: Floats  # likewise
+    # (nodes, 2) along (proximal of the MCP centre, on the straight finger) and around, where nothing pulls.
     home_mm: Floats
-    moved_mm: Floats
-    slips_N: dict[str, float]
+    moved_mm: Floats  # (nodes, 2) displacement under load, in the same axes
+    slips_N: dict[str, float]  # tension of the finger's slips and of the muscles that pull at the hood
 
 
 class Stretched(NamedTuple):
-    """Excursions across the joints in the three postures, for any layout of the hood.
+    """Excursions across the joints in the three postures, for any layout of the hood."""
 
-    Attributes:
-        posture: (3, rotations) [rad].
-        excursion: of each slip, (3,) against the straight finger [mm].
-    """
-
-    posture: Floats
-    excursion: dict[str, Floats]
+    posture: Floats  # (3, rotations) [rad]
+    excursion: dict[str, Floats]  # of each slip, (3,) against the straight finger [mm]
 
 
 def mended(load: str, spring: str) -> tuple[float, float]:

@@ -19,38 +19,24 @@ Line = Sequence[str | float | None]
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table beside the rows: what the study does not print, or our own answer to its question.
+    """A table beside the rows: what the study does not print, or our own answer to its question."""
 
-    Attributes:
-        title: what is in it.
-        columns: their headings, with units.
-        lines: one list of cells a line.
-        notes: what it means, a sentence each.
-    """
-
-    title: str
-    columns: Sequence[str]
-    lines: Sequence[Line]
-    notes: Sequence[str] = ()
+    title: str  # what is in it
+    columns: Sequence[str]  # their headings, with units
+    lines: Sequence[Line]  # one list of cells a line
+    notes: Sequence[str] = ()  # what it means, a sentence each
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A study's figures beside ours.
+    """A study's figures beside ours."""
 
-    Attributes:
-        rows: every published figure.
-        assumptions: what the paper leaves out and what stands in its place, a sentence each.
-        sheets: tables beside the rows.
-        results: further results of this study as plain data, merged into the JSON answer.
-        plots: draws the study's figures.
-    """
-
-    rows: tuple[Row, ...]
-    assumptions: tuple[str, ...] = ()
-    sheets: tuple[Sheet, ...] = ()
+    rows: tuple[Row, ...]  # every published figure
+    assumptions: tuple[str, ...] = ()  # what the paper leaves out and what stands in its place, a sentence each
+    sheets: tuple[Sheet, ...] = ()  # tables beside the rows
+    # Further results of this study as plain data, merged into the JSON answer.
     results: dict[str, Any] = field(default_factory=dict)
-    plots: Callable[[], Sequence[Plot]] | None = None
+    plots: Callable[[], Sequence[Plot]] | None = None  # draws the study's figures
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
@@ -60,17 +46,11 @@ class Reproduction:
 
 
 class Study(NamedTuple):
-    """A published study.
+    """A published study."""
 
-    Attributes:
-        name: by which it is asked for; also the module beside this one that computes it.
-        citation: authors, year, journal.
-        about: what the study is of, in a few plain words.
-    """
-
-    name: str
-    citation: str
-    about: str
+    name: str  # by which it is asked for; also the module beside this one that computes it
+    citation: str  # authors, year, journal
+    about: str  # what the study is of, in a few plain words
 
 
 STUDIES = (

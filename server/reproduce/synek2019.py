@@ -36,15 +36,10 @@ PREDICTORS = {
 
 @dataclass(frozen=True)
 class SpecimenFit:
-    """Unseen combined loads of one specimen under four predictors.
+    """Unseen combined loads of one specimen under four predictors."""
 
-    Attributes:
-        specimen: name.
-        comparisons: published model as recomputed, published method, our fit, superposition limit.
-    """
-
-    specimen: str
-    comparisons: dict[str, Comparison]
+    specimen: str  # name
+    comparisons: dict[str, Comparison]  # published model as recomputed, published method, our fit, superposition limit
 
     def as_dict(self) -> dict[str, Any]:
         """Return errors in the sagittal plane (as published), in space, and what our fit was held to."""

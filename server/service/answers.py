@@ -39,15 +39,10 @@ class JsonAnswer(JSONResponse):
 
 @dataclass(frozen=True)
 class Tagged:
-    """JSON as it is answered, with a tag for clients that have it already.
+    """JSON as it is answered, with a tag for clients that have it already."""
 
-    Attributes:
-        body: JSON.
-        tag: of the body.
-    """
-
-    body: bytes
-    tag: str
+    body: bytes  # JSON
+    tag: str  # of the body
 
     @classmethod
     def of(cls, value: Any) -> Tagged:

@@ -66,15 +66,12 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Addition:
-    """A model with effects added.
-
-    Attributes:
-        log_evidence_gain: over the same model without them, the budget's size and the effects' form left open as in a
-            diagnosis; None where none was added.
-    """
+    """A model with effects added."""
 
     fit: Fit  # of everything together
     names: tuple[str, ...]  # of the candidates added
+    # Over the same model without them, the budget's size and the effects' form left open as in a diagnosis; None where
+    # none was added.
     log_evidence_gain: float | None
     recipe: Recipe  # of what the fit minimises
 

@@ -53,16 +53,13 @@ class PlannedReading:
 
 @dataclass(frozen=True, eq=False)
 class NextCase:
-    """A load case and what it would tell.
-
-    Attributes:
-        predictions: by explanation: mean (components,) and standard deviation, reading's noise included.
-    """
+    """A load case and what it would tell."""
 
     case: PlannedReading  # what to hang where
     information_nat: float  # between explanation and reading
     separates: tuple[str, ...]  # names of the explanations that it parts best
     expected_probability: float  # of whichever explanation is true, afterwards
+    # By explanation: mean (components,) and standard deviation, reading's noise included.
     predictions: dict[str, tuple[Floats, Floats]]
     tests: bool  # whether two explanations are taken as equally probable before it, whatever the session says of them
 
@@ -90,13 +87,10 @@ class NextCase:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What to measure next.
-
-    Attributes:
-        explanations: that were held against each other, with their probabilities; 0.5 each where one is tested.
-    """
+    """What to measure next."""
 
     cases: tuple[NextCase, ...]  # best first; none where no available load case separates anything
+    # That were held against each other, with their probabilities; 0.5 each where one is tested.
     explanations: dict[str, float]
     instruments: tuple[str, ...]  # what else would separate them
     text: str  # one plain sentence

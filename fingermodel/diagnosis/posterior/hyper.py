@@ -57,14 +57,11 @@ class Values(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Hyperparameters:
-    """The axes of one session.
+    """The axes of one session."""
 
-    Attributes:
-        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, errors by group of cases
-            (see `GroupErrors`), amplitude of each family of something smooth [N], and what carries it: the index among
-            the carriers.
-    """
-
+    # Scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, errors by group of cases (see
+    # `GroupErrors`), amplitude of each family of something smooth [N], and what carries it: the index among the
+    # carriers.
     axes: tuple[Axis, ...]
     form: Axis  # error of an effect's form
     carriers: tuple[str, ...]  # of something smooth (see `Session.carriers`)

@@ -50,19 +50,16 @@ def _by_structure(fit: Optimum, nodes: Mapping[Node, float]) -> tuple[float, dic
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One explanation at one node of the hyperparameters.
-
-    Attributes:
-        named: candidates that act by their name: no error of form above `FORM_NAMED`, and nothing unknown beside them
-            that is larger, of what neither anatomy nor budget could do as well.
-        beyond_newton: what acts that no name describes [N]: something smooth, an error of form above `FORM_NAMED`, or a
-            known thing outside the catalogue.
-    """
+    """One explanation at one node of the hyperparameters."""
 
     explanation: Explanation  # what acts
     fit: Optimum | None  # its optimum; None for one that was only promised
     node: Node | None  # of the hyperparameters; None for one that was only promised
+    # Candidates that act by their name: no error of form above `FORM_NAMED`, and nothing unknown beside them that is
+    # larger, of what neither anatomy nor budget could do as well.
     named: frozenset[str]
+    # What acts that no name describes [N]: something smooth, an error of form above `FORM_NAMED`, or a known thing
+    # outside the catalogue.
     beyond_newton: float
     probability: float  # of it
 
@@ -100,14 +97,11 @@ class Promise:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The posterior of one session.
-
-    Attributes:
-        weights: log of the probability of each explanation, up to a constant: prior times evidence to a power.
-    """
+    """The posterior of one session."""
 
     fits: dict[Explanation, Optimum]  # the optimum of each explanation that was fitted
     entries: tuple[Entry, ...]  # every explanation at every node that matters
+    # Log of the probability of each explanation, up to a constant: prior times evidence to a power.
     weights: dict[Explanation, float]
     log_norm: float  # log of the sum of all of them
 

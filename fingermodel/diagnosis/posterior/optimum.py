@@ -35,17 +35,14 @@ _SETTLED = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Linearised):
-    """An explanation where it explains the readings best.
-
-    Attributes:
-        unkept: misfit that the linearised model promises to save, and the solver did not save: at a kink, or where the
-            model bends. The evidence does not count it.
-        leader: log posterior of the leader when it was fitted; an explanation far below needs no more than a rough one.
-    """
+    """An explanation where it explains the readings best."""
 
     log_prior: float  # of the explanation
     node: Node  # of the hyperparameters under which it was fitted
+    # Misfit that the linearised model promises to save, and the solver did not save: at a kink, or where the model
+    # bends. The evidence does not count it.
     unkept: float
+    # Log posterior of the leader when it was fitted; an explanation far below needs no more than a rough one.
     leader: float = -np.inf
 
     @property

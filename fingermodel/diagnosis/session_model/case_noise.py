@@ -17,14 +17,11 @@ _LEAST_N = 1e-3
 
 
 class CaseErrors(NamedTuple):
-    """How large noise that is independent by case is.
-
-    Attributes:
-        noise: of the readings: what is added to the measured one [N; a moment has ten times as many N mm]; where none
-            was measured, a multiple of the assumed one.
-    """
+    """How large noise that is independent by case is."""
 
     scatter: float  # of the tensions from case to case, relative
+    # Of the readings: what is added to the measured one [N; a moment has ten times as many N mm]; where none was
+    # measured, a multiple of the assumed one.
     noise: float
     component: float = 0.0  # scatter of each component of the reading, relative to what is expected of it
     direction: float = 0.0  # scatter of the force in every direction: of each component, relative to the force
@@ -63,13 +60,10 @@ class Scatter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CaseNoise:
-    """Noise that is independent by case: of the readings, by scatter, and of bad cases.
+    """Noise that is independent by case: of the readings, by scatter, and of bad cases."""
 
-    Attributes:
-        groups: of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, and (kinds, g, L, L) by a
-            scatter of each kind that is 1.
-    """
-
+    # Of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, and (kinds, g, L, L) by a scatter of
+    # each kind that is 1.
     groups: tuple[tuple[Ints, Floats, Floats], ...]
     bad_size: Floats  # (n,) how far a row may be off where its case is bad [N, N mm]
     cases: Ints  # (n,) case of each row

@@ -22,14 +22,11 @@ class GroupErrors(NamedTuple):
     """How large errors are that a group of cases has in common: of one weight, one tendon's line, or one setting.
 
     For each setting the finger is clamped, and the cell tared, anew.
-
-    Attributes:
-        zero_N: that the tare missed along each axis, at the tip and at the bone; of a moment `LEVER_MM` times as many
-            N mm.
     """
 
     weight: float  # of each weight that hangs in several cases, relative
     line_rad: float  # by which each tendon's line at the metacarpal is turned about each axis
+    # That the tare missed along each axis, at the tip and at the bone; of a moment `LEVER_MM` times as many N mm.
     zero_N: float
     drift_N: float  # by which that zero moves to and fro within the setting, as `zero_N`
     turn_rad: float  # by which the cell is turned about each axis, at the tip and at the bone

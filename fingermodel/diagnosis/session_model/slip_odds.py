@@ -18,14 +18,11 @@ from fingermodel.diagnosis.settings import AMOUNT, FORM, P_TAIL, SLIP_SHARES
 
 @dataclass(frozen=True)
 class Explained:
-    """How probable each slip is, given that the case is bad.
-
-    Attributes:
-        slips: with their probability and chi-square, the most probable first; one whose `kind` is amount among them.
-    """
+    """How probable each slip is, given that the case is bad."""
 
     gain: float  # log evidence gained over a bad case of which nothing is known
     is_slip: float  # probability that the case stands apart by a slip, and not by the tail of the noise
+    # With their probability and chi-square, the most probable first; one whose `kind` is amount among them.
     slips: tuple[tuple[Slip, float, float], ...]
 
     @property

@@ -24,14 +24,11 @@ def is_smooth(block: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class NoiseWhitening:
-    """A root of the inverse of N + T Tᵀ: noise N that is block-diagonal by case, and columns T of the tares.
-
-    Attributes:
-        right: (k, n) what the tares take away after it. A tare is one of a few cases: hardly anything is not zero.
-    """
+    """A root of the inverse of N + T Tᵀ: noise N that is block-diagonal by case, and columns T of the tares."""
 
     roots: list[tuple[Ints, Floats]]  # rows and inverse roots of the noise by case
     left: csr_array  # (n, k) and
+    # (k, n) what the tares take away after it. A tare is one of a few cases: hardly anything is not zero.
     right: csr_array
     log_det: float  # of N + T Tᵀ
 

@@ -41,12 +41,7 @@ _SINGLES, _PAIRS = 6, 3
 
 @dataclass(frozen=True, eq=False)
 class Pooled:
-    """What several sessions say together.
-
-    Attributes:
-        shared: a law that nobody listed, that the specimens share; None where their fingers have other tendons, or all
-            sessions are of one specimen.
-    """
+    """What several sessions say together."""
 
     sessions: tuple[str, ...]  # ids
     diagnoses: tuple[Diagnosis, ...]  # of each by itself
@@ -55,6 +50,8 @@ class Pooled:
     p_nothing: float  # of that, that nothing is missing in any
     p_other: float  # of that, that it is something outside the catalogue in each
     verdict: PooledVerdict  # on what is shared
+    # A law that nobody listed, that the specimens share; None where their fingers have other tendons, or all sessions
+    # are of one specimen.
     shared: SharedFinding | None
     findings: Sequence[Finding]  # of specimens of which there are several sessions
     seconds: float  # of the computation

@@ -30,17 +30,14 @@ class InSession:
 
 @dataclass(frozen=True, eq=False)
 class SharedEffect:
-    """Candidates that act in all sessions.
-
-    Attributes:
-        log_evidence_shared: that it acts in all over that it acts in none, with one size for all; to the same power.
-    """
+    """Candidates that act in all sessions."""
 
     explanation: Explanation  # what is shared, as the first session has it
     parameters: tuple[Parameter, ...]  # of what is shared
     one_size: bool  # whether one size serves all sessions better than one in each
     value: Floats  # (k,) size by all sessions together, in the parameters' units
     sd: Floats  # (k,) of it
+    # That it acts in all over that it acts in none, with one size for all; to the same power.
     log_evidence_shared: float
     log_evidence_own: float  # the same with a size for each session
     each: tuple[InSession, ...]  # by session
@@ -54,17 +51,14 @@ class SharedEffect:
 
 @dataclass(frozen=True)
 class PooledVerdict:
-    """What the sessions say together, and why.
-
-    Attributes:
-        rests_on: sessions without which what is found would not be sure; none where nothing is found.
-    """
+    """What the sessions say together, and why."""
 
     kind: Kind  # of the verdict
     names: tuple[str, ...]  # candidates that it names
     probability: float  # of the verdict
     sentence: str  # in plain words
     short: tuple[str, ...] = ()  # what was short of a stronger verdict
+    # Sessions without which what is found would not be sure; none where nothing is found.
     rests_on: tuple[str, ...] = ()
     effect: SharedEffect | None = None  # that is found
 

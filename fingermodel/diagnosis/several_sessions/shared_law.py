@@ -44,16 +44,13 @@ class SharedCurve(SmoothCurve):
 
 @dataclass(eq=False)
 class StageSearch:
-    """The curve of one stage: what sessions say of it at their nodes, each asked once.
-
-    Attributes:
-        paths: nodes of the sessions to which each size that was tried leads.
-    """
+    """The curve of one stage: what sessions say of it at their nodes, each asked once."""
 
     fits: Sequence[Optimum]  # of each session
     specimens: Sequence[str]  # of each session
     curves: Curves  # of the sessions
     stage: Stage  # of the curve
+    # Nodes of the sessions to which each size that was tried leads.
     paths: dict[float, tuple[Node, ...]] = field(default_factory=dict)
     _known: dict[tuple[int, Node], Said] = field(default_factory=dict, repr=False)
 

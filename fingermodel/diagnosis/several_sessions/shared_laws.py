@@ -26,12 +26,7 @@ _CLOSELY, _SHOWN = 40, 5
 
 @dataclass(frozen=True, eq=False)
 class SharedLaw:
-    """One law with one value in all sessions.
-
-    Attributes:
-        unseen: by session: RMSE [N] of the validation forces' components by mount, before and with the value of the
-            others.
-    """
+    """One law with one value in all sessions."""
 
     name: str  # of an effect's parameter, or the formula with its coefficient k
     unit: str  # of the value
@@ -41,6 +36,7 @@ class SharedLaw:
     each_sd: Floats  # (sessions,) its sd, the prior's where it says nothing
     log_evidence: float  # that it acts in all of them, over that it acts in none
     left_out_gain: Floats  # (sessions,) log density that it adds to each, its value learned from the other specimens
+    # By session: RMSE [N] of the validation forces' components by mount, before and with the value of the others.
     unseen: tuple[dict[str, tuple[float, float]], ...]
     rivals: tuple[str, ...]  # other laws that these load cases cannot part from it
     formula: Hint | None  # with which it can be added; None for an effect, which has its name

@@ -35,18 +35,15 @@ class Amend:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Something that is another than was entered by an amount: a mount's gain, a weight, two exchanged ones, an angle.
-
-    Attributes:
-        acts: (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases,
-            rotations) of joint angles.
-    """
+    """What is another than was entered by an amount: a mount's gain, a weight, two exchanged ones, an angle."""
 
     kind: Kind  # of fault; of a posture the amount is an angle [rad], else it is relative
     saying: str  # what is said of it; the value goes into the braces, if there are any
     entered: float  # the value then; of an angle [deg]
     spread: float  # standard deviation of the amount's prior about 0; 0 where the amount is known to be 1
     least: float  # that the amount is at least
+    # (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases, rotations)
+    # of joint angles.
     acts: Floats
     above: float = -1.0  # that the amount is more than
     amend: tuple[Amend, ...] = ()  # amendments that put it right; none where its amount is only estimated

@@ -39,11 +39,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class PredictiveCheck:
-    """What the validation cases say of an explanation.
-
-    Attributes:
-        predictions: of them, with the weight of each node of the hyperparameters.
-    """
+    """What the validation cases say of an explanation."""
 
     log_density: float | None  # of those that are not bad; None where there are none
     p_value: float | None  # that they would be missed so far; None where there are none
@@ -51,6 +47,7 @@ class PredictiveCheck:
     slips: dict[int, Explained]  # what may have been done in these instead of what was entered
     missed: tuple[int, ...] = ()  # those that are not bad, and by themselves out of the question
     log_evidence: float = 0.0  # for the explanation by all of them, whichever are bad
+    # Of them, with the weight of each node of the hyperparameters.
     predictions: tuple[tuple[float, Prediction], ...] = field(default=(), repr=False)
 
     @property

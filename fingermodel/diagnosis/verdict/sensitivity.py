@@ -38,14 +38,10 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The probability of what is said under every assumption tried.
-
-    Attributes:
-        budget_multiple_at_which_it_fails: smallest multiple of the budget tried at which it is not sure; None if it is
-            at all of them.
-    """
+    """The probability of what is said under every assumption tried."""
 
     assumptions: tuple[Assumption, ...]  # in the order of their groups
+    # Smallest multiple of the budget tried at which it is not sure; None if it is at all of them.
     budget_multiple_at_which_it_fails: float | None
     sagittal_alone: str | None  # the kind of verdict where only the sagittal plane counts
 

@@ -42,12 +42,7 @@ class _Asked(NamedTuple):
 
 @dataclass(frozen=True)
 class Trend:
-    """What of the rig or the load seems to change along time or load.
-
-    Attributes:
-        course: how far it has changed at the first case, halfway and at the last; or at no load, half the largest load,
-            and the largest.
-    """
+    """What of the rig or the load seems to change along time or load."""
 
     what: str  # changes: the cell's gain, what a tendon pulls, or a joint angle
     along: Literal["time", "load"]  # `time` or `load`
@@ -55,6 +50,8 @@ class Trend:
     log_evidence: float  # that it adds to the readings, as one of all that were asked
     size_N: float  # RMS of what it changes in the fitted force components
     unit: str  # of the course
+    # How far it has changed at the first case, halfway and at the last; or at no load, half the largest load, and the
+    # largest.
     course: tuple[float, ...]
     of_found: bool  # whether it changes what the explanation's effects change, off throughout
 

@@ -13,21 +13,13 @@ Points = str | list[Any] | None
 
 @dataclass(frozen=True)
 class Told:
-    """Load case as figures may refer to it.
+    """Load case as figures may refer to it."""
 
-    Attributes:
-        id: of the case.
-        role: of the case.
-        location: of the cell.
-        muscles: that are loaded, such as `FDP+FDS`.
-        posture: its name.
-    """
-
-    id: str
-    role: str
-    location: str
-    muscles: str
-    posture: str
+    id: str  # of the case
+    role: str  # of the case
+    location: str  # of the cell
+    muscles: str  # that are loaded, such as `FDP+FDS`
+    posture: str  # its name
 
 
 def told_of(documents: Sequence[Mapping[str, Any]]) -> list[Told]:

@@ -21,21 +21,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Only:
-    """Selection of load cases to draw, and of components of their forces.
+    """Selection of load cases to draw, and of components of their forces."""
 
-    Attributes:
-        plane: the sagittal one or space; None for that in which the finger is judged.
-        role: identification, validation or all; None for both, on the finger those of validation alone.
-        location: tip or bone.
-        posture: its name.
-        muscles: that are loaded, such as `FDP+FDS`.
-    """
-
-    plane: Plane | None = None
-    role: str | None = None
-    location: str | None = None
-    posture: str | None = None
-    muscles: str | None = None
+    plane: Plane | None = None  # the sagittal one or space; None for that in which the finger is judged
+    role: str | None = None  # identification, validation or all; None for both, on the finger those of validation alone
+    location: str | None = None  # tip or bone
+    posture: str | None = None  # its name
+    muscles: str | None = None  # that are loaded, such as `FDP+FDS`
 
     def of(self, comparison: Comparison) -> Comparison:
         """Return those cases of a comparison."""

@@ -28,23 +28,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HeldFinger:
-    """A finger as it is held.
+    """A finger as it is held."""
 
-    Attributes:
-        document: of the session.
-        loaded: the model.
-        finger: of that model.
-        posture: its name.
-        angles: (rotations,) of the posture [rad].
-        hung: load case that is shown; None for the finger alone.
-    """
-
-    document: Mapping[str, Any]
-    loaded: Finger | Revision
-    finger: Finger
-    posture: str
-    angles: Floats
-    hung: Hung | None
+    document: Mapping[str, Any]  # of the session
+    loaded: Finger | Revision  # the model
+    finger: Finger  # of that model
+    posture: str  # its name
+    angles: Floats  # (rotations,) of the posture [rad]
+    hung: Hung | None  # load case that is shown; None for the finger alone
 
 
 def held_finger(

@@ -44,34 +44,21 @@ _AT_ONCE = 500
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Consecutive samples of a stream.
+    """Consecutive samples of a stream."""
 
-    Attributes:
-        t_s: (n,) times.
-        wrench: (n, 6) in the cell's axes [N, N mm].
-        flagged: (n,) whether the cell, or its range, says that a sample is not to be trusted.
-    """
-
-    t_s: Floats
-    wrench: Floats
-    flagged: NDArray[np.bool_]
+    t_s: Floats  # (n,) times
+    wrench: Floats  # (n, 6) in the cell's axes [N, N mm]
+    flagged: NDArray[np.bool_]  # (n,) whether the cell, or its range, says that a sample is not to be trusted
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Stored readings of a window.
+    """Stored readings of a window."""
 
-    Attributes:
-        window_s: first and last time.
-        stream_s: first and last time of the stream; None where it is empty.
-        missing_s: stretches within the window of which samples are missing.
-        found: samples as they are, or envelopes of them.
-    """
-
-    window_s: Span
-    stream_s: Span | None
-    missing_s: list[Span]
-    found: Samples | Rows
+    window_s: Span  # first and last time
+    stream_s: Span | None  # first and last time of the stream; None where it is empty
+    missing_s: list[Span]  # stretches within the window of which samples are missing
+    found: Samples | Rows  # samples as they are, or envelopes of them
 
 
 @dataclass(frozen=True, eq=False)

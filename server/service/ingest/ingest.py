@@ -49,17 +49,11 @@ MOST_SAMPLES = 1 << 20
 
 @dataclass(frozen=True)
 class Sent:
-    """Body sent by a bench, with the digest and epoch that it states.
+    """Body sent by a bench, with the digest and epoch that it states."""
 
-    Attributes:
-        body: the bytes.
-        sha256: of the bytes, in hexadecimal.
-        epoch: history of the journal that they come from.
-    """
-
-    body: bytes
-    sha256: str
-    epoch: str
+    body: bytes  # the bytes
+    sha256: str  # of the bytes, in hexadecimal
+    epoch: str  # history of the journal that they come from
 
     def require_sound(self) -> None:
         """Refuse a body that differs from its stated digest or epoch.

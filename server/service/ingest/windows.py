@@ -39,17 +39,12 @@ _Key = tuple[str, str, Span]
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """Reduction of a session's windows.
+    """Reduction of a session's windows."""
 
-    Attributes:
-        plateaus: those that could be reduced.
-        waiting: those whose readings are not all there yet, and what is missing.
-        failed: those that cannot be reduced, and why.
-    """
-
-    plateaus: dict[Span, Plateau] = field(default_factory=dict)
+    plateaus: dict[Span, Plateau] = field(default_factory=dict)  # those that could be reduced
+    # Those whose readings are not all there yet, and what is missing.
     waiting: dict[Span, str] = field(default_factory=dict)
-    failed: dict[Span, ReadingsError] = field(default_factory=dict)
+    failed: dict[Span, ReadingsError] = field(default_factory=dict)  # those that cannot be reduced, and why
 
     def take(self, window: Span, end: Plateau | ReadingsError | str) -> None:
         """Take what has become of a window; words say what is missing of it."""

@@ -28,24 +28,17 @@ __all__ = ["FINGER_DOCUMENT", "BenchInput"]
 
 @dataclass(frozen=True, eq=False)
 class BenchInput:
-    """A measured session and the model to hold against it, as values that go from process to process.
+    """A measured session and the model to hold against it, as values that go from process to process."""
 
-    Attributes:
-        session: document of a bench-session/1 whose cases are all measured; it may hold its finger (`finger_document`).
-        plateaus: its windows, reduced.
-        notes: what the reader of the results should know.
-        model: document of a revision, name of a shipped finger, or None for the session's own finger.
-        effects: documents of the user's own effects.
-        readings_sha256: fingerprint of the readings that the windows were cut from.
-        provenance: what the answer says that it came from; no part of the fingerprint.
-    """
-
+    # Document of a bench-session/1 whose cases are all measured; it may hold its finger (`finger_document`).
     session: Mapping[str, Any]
-    plateaus: Mapping[Span, Plateau] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    plateaus: Mapping[Span, Plateau] = field(default_factory=dict)  # its windows, reduced
+    notes: tuple[str, ...] = ()  # what the reader of the results should know
+    # Document of a revision, name of a shipped finger, or None for the session's own finger.
     model: Mapping[str, Any] | str | None = None
-    effects: tuple[Mapping[str, Any], ...] = ()
-    readings_sha256: str | None = None
+    effects: tuple[Mapping[str, Any], ...] = ()  # documents of the user's own effects
+    readings_sha256: str | None = None  # fingerprint of the readings that the windows were cut from
+    # What the answer says that it came from; no part of the fingerprint.
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property

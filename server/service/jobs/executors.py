@@ -47,17 +47,11 @@ class ExecutorError(Exception):
 
 @dataclass(frozen=True)
 class ExecutorSettings:
-    """Place of computation of population work.
+    """Place of computation of population work."""
 
-    Attributes:
-        kind: processes on this machine, or a Dask cluster.
-        workers: processes on this machine; with one or none, all is computed in the calling process.
-        scheduler: address of a Dask cluster's scheduler; None starts a cluster on this machine.
-    """
-
-    kind: Literal["processes", "dask"] = "processes"
-    workers: int = 1
-    scheduler: str | None = None
+    kind: Literal["processes", "dask"] = "processes"  # processes on this machine, or a Dask cluster
+    workers: int = 1  # processes on this machine; with one or none, all is computed in the calling process
+    scheduler: str | None = None  # address of a Dask cluster's scheduler; None starts a cluster on this machine
 
     def open(self) -> Executor:
         """Start the executor."""

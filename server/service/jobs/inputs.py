@@ -16,17 +16,11 @@ _MOST_FITS = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class RefitInput:
-    """`fingertwin refit`.
+    """`fingertwin refit`."""
 
-    Attributes:
-        bench: session and model.
-        method: `map` or `slsqp`.
-        plane: of the forces that count; by default what the finger's axes can predict.
-    """
-
-    bench: BenchInput
-    method: str = "map"
-    plane: str | None = None
+    bench: BenchInput  # session and model
+    method: str = "map"  # `map` or `slsqp`
+    plane: str | None = None  # of the forces that count; by default what the finger's axes can predict
 
     def __post_init__(self) -> None:
         if self.method not in ("map", "slsqp"):
@@ -39,17 +33,12 @@ class RefitInput:
 
 @dataclass(frozen=True, eq=False)
 class AddInput:
-    """`fingertwin add`.
+    """`fingertwin add`."""
 
-    Attributes:
-        bench: session and model.
-        effects: names of effects or candidates, the user's own among them, or formulas with one coefficient k.
-        without: effects or parameters that the model has, to be taken out.
-    """
-
-    bench: BenchInput
+    bench: BenchInput  # session and model
+    # Names of effects or candidates, the user's own among them, or formulas with one coefficient k.
     effects: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()  # effects or parameters that the model has, to be taken out
 
     def __post_init__(self) -> None:
         if not self.effects and not self.without:
@@ -58,75 +47,46 @@ class AddInput:
 
 @dataclass(frozen=True, eq=False)
 class DiagnoseInput:
-    """`fingertwin diagnose`.
+    """`fingertwin diagnose`."""
 
-    Attributes:
-        bench: session and model.
-        thorough: more starts and pairs.
-        frozen: documents of predictions that were made before.
-    """
-
-    bench: BenchInput
-    thorough: bool = False
-    frozen: tuple[Mapping[str, Any], ...] = ()
+    bench: BenchInput  # session and model
+    thorough: bool = False  # more starts and pairs
+    frozen: tuple[Mapping[str, Any], ...] = ()  # documents of predictions that were made before
 
 
 @dataclass(frozen=True, eq=False)
 class PooledInput:
-    """`fingertwin diagnose` of several sessions.
+    """`fingertwin diagnose` of several sessions."""
 
-    Attributes:
-        benches: sessions, each with its model.
-        thorough: more starts and pairs.
-    """
-
-    benches: tuple[BenchInput, ...]
-    thorough: bool = False
+    benches: tuple[BenchInput, ...]  # sessions, each with its model
+    thorough: bool = False  # more starts and pairs
 
 
 @dataclass(frozen=True, eq=False)
 class NextInput:
-    """`fingertwin next`.
+    """`fingertwin next`."""
 
-    Attributes:
-        bench: session and model.
-        freeze: whether what the explanations predict shall be written down.
-    """
-
-    bench: BenchInput
-    freeze: bool = False
+    bench: BenchInput  # session and model
+    freeze: bool = False  # whether what the explanations predict shall be written down
 
 
 @dataclass(frozen=True, eq=False)
 class ReproduceInput:
-    """`fingertwin reproduce`.
+    """`fingertwin reproduce`."""
 
-    Attributes:
-        study: its name.
-    """
-
-    study: str
+    study: str  # its name
 
 
 @dataclass(frozen=True, eq=False)
 class PopulationInput:
-    """Fits of a population run.
+    """Fits of a population run."""
 
-    Attributes:
-        benches: sessions with their models.
-        effects: sets of candidates to add; an empty one is the plain refit.
-        bootstrap: replicates of each session.
-        seed: of their draws.
-        level: of the percentile intervals.
-        executor: where the fits are computed.
-    """
-
-    benches: tuple[BenchInput, ...]
-    effects: tuple[tuple[str, ...], ...] = ((),)
-    bootstrap: int = 100
-    seed: int = 0
-    level: float = 0.95
-    executor: ExecutorSettings = field(default_factory=ExecutorSettings)
+    benches: tuple[BenchInput, ...]  # sessions with their models
+    effects: tuple[tuple[str, ...], ...] = ((),)  # sets of candidates to add; an empty one is the plain refit
+    bootstrap: int = 100  # replicates of each session
+    seed: int = 0  # of their draws
+    level: float = 0.95  # of the percentile intervals
+    executor: ExecutorSettings = field(default_factory=ExecutorSettings)  # where the fits are computed
 
     def __post_init__(self) -> None:
         names = [b.id for b in self.benches]

@@ -16,36 +16,22 @@ QUEUED, RUNNING, DONE, FAILED, CANCELLED = STATES = ("queued", "running", "done"
 
 @dataclass(frozen=True)
 class Job:
-    """Work in the background.
+    """Work in the background."""
 
-    Attributes:
-        id: of the job.
-        kind: such as `refit`.
-        session: that it is about, None for what concerns several or none.
-        request: plain data that it was asked for with.
-        state: one of STATES.
-        progress: share that is done, 0 to 1.
-        stage: what is being done, in a few words.
-        attempts: how often the service stopped unasked while it ran.
-        timeout_s: after which it is given up.
-        result: plain data, once it is done; left out of lists.
-        problem: of a failure, as `application/problem+json`.
-    """
-
-    id: str
-    kind: str
-    session: str | None
-    request: dict[str, Any]
-    state: str
-    progress: float
-    stage: str
-    attempts: int
-    timeout_s: float
+    id: str  # of the job
+    kind: str  # such as `refit`
+    session: str | None  # that it is about, None for what concerns several or none
+    request: dict[str, Any]  # plain data that it was asked for with
+    state: str  # one of STATES
+    progress: float  # share that is done, 0 to 1
+    stage: str  # what is being done, in a few words
+    attempts: int  # how often the service stopped unasked while it ran
+    timeout_s: float  # after which it is given up
     created_utc: str
     started_utc: str | None
     finished_utc: str | None
-    result: dict[str, Any] | None = None
-    problem: dict[str, Any] | None = None
+    result: dict[str, Any] | None = None  # plain data, once it is done; left out of lists
+    problem: dict[str, Any] | None = None  # of a failure, as `application/problem+json`
 
     @classmethod
     def of_row(cls, row: Row[Any]) -> Job:
@@ -69,17 +55,12 @@ class Job:
 
 @dataclass(frozen=True)
 class TaskKind:
-    """One kind of job.
+    """One kind of job."""
 
-    Attributes:
-        kind: its name.
-        build: makes of the request what the worker is given, when the job starts; may raise InputError.
-        run: dotted name of the function `(payload, tell)` that a worker calls.
-        keep: takes the worker's result, within the transaction in which the job becomes done, and returns what is
-            kept as the job's result; by default all of it.
-    """
-
-    kind: str
+    kind: str  # its name
+    # Makes of the request what the worker is given, when the job starts; may raise InputError.
     build: Callable[[dict[str, Any]], Any]
-    run: str
+    run: str  # dotted name of the function `(payload, tell)` that a worker calls
+    # Takes the worker's result, within the transaction in which the job becomes done, and returns what is kept as the
+    # job's result; by default all of it.
     keep: Callable[[Telling, Job, Any], dict[str, Any]] = lambda telling, job, result: result

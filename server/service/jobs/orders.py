@@ -17,22 +17,16 @@ Ending = Literal["done", "refused", "failed", "died", "timed_out", "cancelled", 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of an order.
+    """Outcome of an order."""
 
-    Attributes:
-        ending: done; refused (bad input), failed (an exception), died (the worker), timed_out, cancelled, or stopped
-            (the supervisor was closed).
-        result: of the function, where it is done.
-        found: what was wrong, in one line; expected and remedy where they are known.
-        trace: of a failure, for the log.
-    """
-
+    # Done; refused (bad input), failed (an exception), died (the worker), timed_out, cancelled, or stopped (the
+    # supervisor was closed).
     ending: Ending
-    result: Any = None
-    found: str = ""
+    result: Any = None  # of the function, where it is done
+    found: str = ""  # what was wrong, in one line; expected and remedy where they are known
     expected: str = ""
     remedy: str = ""
-    trace: str = ""
+    trace: str = ""  # of a failure, for the log
 
     @classmethod
     def of_error(cls, error: BaseException) -> Outcome:
@@ -66,19 +60,12 @@ class Watcher(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """Task for a worker.
+    """Task for a worker."""
 
-    Attributes:
-        id: under which it can be cancelled.
-        function: dotted name; called with payload and `Tell`.
-        watcher: gives the payload and is told what happens.
-        timeout_s: after which its worker is killed; None waits for ever.
-    """
-
-    id: str
-    function: str
-    watcher: Watcher
-    timeout_s: float | None = None
+    id: str  # under which it can be cancelled
+    function: str  # dotted name; called with payload and `Tell`
+    watcher: Watcher  # gives the payload and is told what happens
+    timeout_s: float | None = None  # after which its worker is killed; None waits for ever
 
     def tell(self, call: Callable[[], None]) -> None:
         """Tell the watcher; what goes wrong there must not end the thread that tells."""

@@ -40,25 +40,15 @@ _open: Made[Session] = Made(8)
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One fit.
+    """One fit."""
 
-    Attributes:
-        fingerprint: of the bench.
-        bench: session and model.
-        effects: to add.
-        replicate: 0 for the measured readings.
-        seed: of the draws.
-        catalogue: whether the model shall hold the catalogue, as it does in all fits of a run or in none.
-        estimate: result of replicate 0, from which the others start.
-    """
-
-    fingerprint: str
-    bench: BenchInput
-    effects: tuple[str, ...]
-    replicate: int
-    seed: int
-    catalogue: bool
-    estimate: Result | None = None
+    fingerprint: str  # of the bench
+    bench: BenchInput  # session and model
+    effects: tuple[str, ...]  # to add
+    replicate: int  # 0 for the measured readings
+    seed: int  # of the draws
+    catalogue: bool  # whether the model shall hold the catalogue, as it does in all fits of a run or in none
+    estimate: Result | None = None  # result of replicate 0, from which the others start
 
 
 def run(payload: PopulationInput, tell: Tell) -> Result:

@@ -23,17 +23,11 @@ _MOST_ASKED = 16
 
 @dataclass(eq=False)
 class Bench:
-    """A bench's connection.
+    """A bench's connection."""
 
-    Attributes:
-        session: that it logs.
-        outgoing: commands on their way to it.
-        shown: what it waits for; None until it has said so.
-    """
-
-    session: str
-    outgoing: asyncio.Queue[dict[str, Any]] = field(default_factory=asyncio.Queue)
-    shown: BenchShown | None = None
+    session: str  # that it logs
+    outgoing: asyncio.Queue[dict[str, Any]] = field(default_factory=asyncio.Queue)  # commands on their way to it
+    shown: BenchShown | None = None  # what it waits for; None until it has said so
     asked: dict[int, asyncio.Future[str | None]] = field(default_factory=dict)
     number: int = 0
 

@@ -30,17 +30,11 @@ _REASON_BYTES = 120
 
 @dataclass(frozen=True)
 class Subscription:
-    """Subscription of a client.
+    """Subscription of a client."""
 
-    Attributes:
-        sessions: ids, None for all.
-        traces: whether traces are wanted.
-        rate_hz: frames a second, at most.
-    """
-
-    sessions: frozenset[str] | None = None
-    traces: bool = False
-    rate_hz: float = 30.0
+    sessions: frozenset[str] | None = None  # ids, None for all
+    traces: bool = False  # whether traces are wanted
+    rate_hz: float = 30.0  # frames a second, at most
 
     def wants(self, session: str | None) -> bool:
         """Return whether messages of a session, or of none, are wanted."""
@@ -63,17 +57,11 @@ class Kept:
 
 @dataclass(frozen=True)
 class Frame:
-    """Frame due at one moment for all clients with the same subscription.
+    """Frame due at one moment for all clients with the same subscription."""
 
-    Attributes:
-        kept: messages that must not be lost, in order.
-        passing: traces, estimates and heartbeats, as they are sent.
-        live: how many of these are lost with the frame: traces and estimates.
-    """
-
-    kept: tuple[Kept, ...] = ()
-    passing: tuple[bytes, ...] = ()
-    live: int = 0
+    kept: tuple[Kept, ...] = ()  # messages that must not be lost, in order
+    passing: tuple[bytes, ...] = ()  # traces, estimates and heartbeats, as they are sent
+    live: int = 0  # how many of these are lost with the frame: traces and estimates
 
     @cached_property
     def text(self) -> str:

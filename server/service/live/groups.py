@@ -20,27 +20,16 @@ SLACK_S = 0.01
 
 @dataclass
 class Counters:
-    """Counts since the service started.
+    """Counts since the service started."""
 
-    Attributes:
-        envelopes: of traces that came in and were new.
-        encoded: frames that were made.
-        frames: that were sent, to all clients together.
-        bytes: of these; letters beyond ASCII count once.
-        dropped: traces and estimates that slow clients were not sent.
-        resumes: clients that were told to connect again, being too slow.
-        wakes: of the event loop.
-        refused: clients that were not let in.
-    """
-
-    envelopes: int = 0
-    encoded: int = 0
-    frames: int = 0
-    bytes: int = 0
-    dropped: int = 0
-    resumes: int = 0
-    wakes: int = 0
-    refused: int = 0
+    envelopes: int = 0  # of traces that came in and were new
+    encoded: int = 0  # frames that were made
+    frames: int = 0  # that were sent, to all clients together
+    bytes: int = 0  # of these; letters beyond ASCII count once
+    dropped: int = 0  # traces and estimates that slow clients were not sent
+    resumes: int = 0  # clients that were told to connect again, being too slow
+    wakes: int = 0  # of the event loop
+    refused: int = 0  # clients that were not let in
 
     def sent(self, text: str) -> None:
         """Count a frame."""
@@ -50,19 +39,14 @@ class Counters:
 
 @dataclass(eq=False)
 class Group:
-    """All clients that want the same, and what is due to them.
+    """All clients that want the same, and what is due to them."""
 
-    Attributes:
-        subscription: that the clients share.
-        due_s: when the next frame may go, by the loop's clock.
-        passing: estimates and benches by session, of which the latest counts, and others that are not kept.
-    """
-
-    subscription: Subscription
-    due_s: float = 0.0
+    subscription: Subscription  # that the clients share
+    due_s: float = 0.0  # when the next frame may go, by the loop's clock
     clients: set[Client] = field(default_factory=set)
     kept: list[Kept] = field(default_factory=list)
     rows: dict[tuple[str, str], list[Rows]] = field(default_factory=dict)
+    # Estimates and benches by session, of which the latest counts, and others that are not kept.
     passing: dict[object, bytes] = field(default_factory=dict)
     beat: bytes | None = None
 

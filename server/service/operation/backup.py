@@ -28,19 +28,12 @@ _WAIT_S = 60.0
 
 @dataclass(frozen=True)
 class Copy:
-    """A database's file.
+    """A database's file."""
 
-    Attributes:
-        file: where it is.
-        size_bytes: of the file.
-        revision: version of its schema.
-        sessions: how many it holds, deleted ones included.
-    """
-
-    file: Path
-    size_bytes: int
-    revision: str
-    sessions: int
+    file: Path  # where it is
+    size_bytes: int  # of the file
+    revision: str  # version of its schema
+    sessions: int  # how many it holds, deleted ones included
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""

@@ -32,15 +32,10 @@ _NAMED = 20
 
 @dataclass(frozen=True)
 class Read:
-    """Rows that were read.
+    """Rows that were read."""
 
-    Attributes:
-        size_bytes: of what was held against its checksum.
-        damaged: place of each row that is not as it was written.
-    """
-
-    size_bytes: int
-    damaged: tuple[str, ...]
+    size_bytes: int  # of what was held against its checksum
+    damaged: tuple[str, ...]  # place of each row that is not as it was written
 
 
 def read_all(database: Database) -> Iterator[Read]:

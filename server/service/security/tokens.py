@@ -39,23 +39,14 @@ _NONE = "0" * 64
 
 @dataclass(frozen=True)
 class Token:
-    """A token as it is kept; its secret is not.
+    """A token as it is kept; its secret is not."""
 
-    Attributes:
-        id: in the token's own text.
-        name: that its maker gave it.
-        role: read, or write, which may read too.
-        created_utc: when it was made.
-        expires_utc: when it ends; None for never.
-        revoked_utc: when it was revoked; None where it was not.
-    """
-
-    id: str
-    name: str
-    role: Role
-    created_utc: str
-    expires_utc: str | None
-    revoked_utc: str | None
+    id: str  # in the token's own text
+    name: str  # that its maker gave it
+    role: Role  # read, or write, which may read too
+    created_utc: str  # when it was made
+    expires_utc: str | None  # when it ends; None for never
+    revoked_utc: str | None  # when it was revoked; None where it was not
 
     def state(self, at: dt.datetime | None = None) -> Literal["valid", "expired", "revoked"]:
         """Return whether it can be used."""

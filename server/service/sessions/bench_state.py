@@ -70,22 +70,17 @@ _UNKNOWN: tuple[str, str, frozenset[str]] = ("The bench warns", "Look before the
 
 @dataclass
 class StreamHealth:
-    """History of the load cell's stream: gaps, losses, overloads.
+    """History of the load cell's stream: gaps, losses, overloads."""
 
-    Attributes:
-        state: waiting for readings, streaming, silent, lost (the cable), or ended; why: of a lost one.
-        since_s: when that began, in the stream's time [s].
-        overloaded: whether the load is beyond the cell's range now.
-    """
-
+    # Waiting for readings, streaming, silent, lost (the cable), or ended; why: of a lost one.
     state: Literal["waiting", "streaming", "silent", "lost", "ended"] = "waiting"
     why: str = ""
-    since_s: float | None = None
+    since_s: float | None = None  # when that began, in the stream's time [s]
     gaps: int = 0
     lost_samples: int = 0
     overloads: int = 0
     damaged: int = 0
-    overloaded: bool = False
+    overloaded: bool = False  # whether the load is beyond the cell's range now
     last_gap_s: float | None = None
 
     def apply(self, event: Event) -> None:
@@ -139,28 +134,19 @@ class Warned:
 
 @dataclass
 class BenchState:
-    """The fold of a bench's events.
+    """The fold of a bench's events."""
 
-    Attributes:
-        setup: of the bench.
-        stream: of its readings.
-        standing: where it is in its protocol.
-        health: of its stream.
-        phase: what is looked for: nothing, an unloaded or a loaded plateau; offered: whether one was found.
-        tare: in force; before: the one before it, whether in force or not.
-        warnings: that stand, the oldest first.
-    """
-
-    setup: BenchSetup
-    stream: str | None
-    standing: Standing
-    health: StreamHealth
+    setup: BenchSetup  # of the bench
+    stream: str | None  # of its readings
+    standing: Standing  # where it is in its protocol
+    health: StreamHealth  # of its stream
+    # What is looked for: nothing, an unloaded or a loaded plateau; offered: whether one was found.
     phase: Literal["idle", "unloaded", "loaded"] = "idle"
     offered: bool = False
-    tare: Tare | None = None
+    tare: Tare | None = None  # in force; before: the one before it, whether in force or not
     before: Tare | None = None
     closed: bool = False
-    warnings: list[Warned] = field(default_factory=list)
+    warnings: list[Warned] = field(default_factory=list)  # that stand, the oldest first
     _last: Tare | None = None
     _hanging: PlannedCase | None = None
 

@@ -31,36 +31,23 @@ _MOST_CACHED = 64
 
 @dataclass(frozen=True)
 class CaseState:
-    """Progress of a load case.
+    """Progress of a load case."""
 
-    Attributes:
-        state: measured, waiting for readings, failed, or excluded.
-        why: in words, where it is not measured, or not bracketed by its second tare yet.
-    """
-
-    state: State
-    why: str = ""
+    state: State  # measured, waiting for readings, failed, or excluded
+    why: str = ""  # in words, where it is not measured, or not bracketed by its second tare yet
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A session with what is measured of it.
+    """A session with what is measured of it."""
 
-    Attributes:
-        record: the session as it stands.
-        session: with its measured cases alone; None where there is none.
-        measured: their forces; None where there are none, or `problem` says why they cannot be put together.
-        plateaus: reduced windows of those cases.
-        states: of every case.
-        problem: what stands in the way of all of them.
-    """
-
-    record: Record
-    session: Session | None
+    record: Record  # the session as it stands
+    session: Session | None  # with its measured cases alone; None where there is none
+    # Their forces; None where there are none, or `problem` says why they cannot be put together.
     measured: MeasuredSession | None
-    plateaus: Mapping[Span, Plateau]
-    states: Mapping[str, CaseState]
-    problem: InputError | None = None
+    plateaus: Mapping[Span, Plateau]  # reduced windows of those cases
+    states: Mapping[str, CaseState]  # of every case
+    problem: InputError | None = None  # what stands in the way of all of them
 
     @property
     def key(self) -> tuple[Any, ...]:

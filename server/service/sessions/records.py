@@ -26,23 +26,15 @@ WINDOWS = ("unloaded_s", "loaded_s", "unloaded_after_s")
 
 @dataclass(frozen=True)
 class Edit:
-    """A change that somebody made after the bench.
+    """A change that somebody made after the bench."""
 
-    Attributes:
-        number: grows with each edit of any session.
-        kind: an EditKind, or `plan`.
-        case: that it is about.
-        body: the case, its windows, or the reason.
-        undoes: number of the edit that it takes back.
-    """
-
-    number: int
+    number: int  # grows with each edit of any session
     created_utc: str
     author: str | None
-    kind: str
-    case: str | None
-    body: Mapping[str, Any]
-    undoes: int | None
+    kind: str  # an EditKind, or `plan`
+    case: str | None  # that it is about
+    body: Mapping[str, Any]  # the case, its windows, or the reason
+    undoes: int | None  # number of the edit that it takes back
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
@@ -51,31 +43,19 @@ class Edit:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A session as it stands.
+    """A session as it stands."""
 
-    Attributes:
-        id: of the session.
-        version: raised by every change.
-        source: document, bench, or nothing yet.
-        document: plain data of a bench-session/1, its cases possibly none; None where nothing is known.
-        bench: the fold of the bench's events, where they are the source.
-        closed: whether predictions of validation cases may be seen.
-        edits: all, in order.
-        stream: that windows are told in; None where the session has none.
-        created_utc: when the service first heard of it.
-        problem: why the document cannot be used.
-    """
-
-    id: str
-    version: int
-    source: str
+    id: str  # of the session
+    version: int  # raised by every change
+    source: str  # document, bench, or nothing yet
+    # Plain data of a bench-session/1, its cases possibly none; None where nothing is known.
     document: dict[str, Any] | None
-    bench: BenchRecord | None
-    closed: bool
-    edits: tuple[Edit, ...]
-    stream: str | None
-    created_utc: str
-    problem: InputError | None = None
+    bench: BenchRecord | None  # the fold of the bench's events, where they are the source
+    closed: bool  # whether predictions of validation cases may be seen
+    edits: tuple[Edit, ...]  # all, in order
+    stream: str | None  # that windows are told in; None where the session has none
+    created_utc: str  # when the service first heard of it
+    problem: InputError | None = None  # why the document cannot be used
 
     def require_document(self) -> dict[str, Any]:
         """Return the document.

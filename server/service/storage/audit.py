@@ -20,15 +20,10 @@ _ROWS = 1000
 
 @dataclass(frozen=True)
 class Actor:
-    """Author of a request.
+    """Author of a request."""
 
-    Attributes:
-        who: the token's name; `local` for whoever needs none; the user of the machine on the command line.
-        origin: address, with the token's id.
-    """
-
-    who: str
-    origin: str
+    who: str  # the token's name; `local` for whoever needs none; the user of the machine on the command line
+    origin: str  # address, with the token's id
 
 
 # What no request asks for, the service does by itself.

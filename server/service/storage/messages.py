@@ -18,19 +18,12 @@ from server.service.storage.schema import messages
 
 @dataclass(frozen=True)
 class Message:
-    """Message to listeners.
+    """Message to listeners."""
 
-    Attributes:
-        kind: session, event, case, job, revision, or one that is not kept: trace, estimate, bench.
-        session: that it is about, None for what concerns none.
-        body: plain data.
-        id: growing number of a message that is kept, None for others.
-    """
-
-    kind: str
-    session: str | None
-    body: dict[str, Any]
-    id: int | None = None
+    kind: str  # session, event, case, job, revision, or one that is not kept: trace, estimate, bench
+    session: str | None  # that it is about, None for what concerns none
+    body: dict[str, Any]  # plain data
+    id: int | None = None  # growing number of a message that is kept, None for others
     created_utc: str = ""
 
     def as_dict(self) -> dict[str, Any]:

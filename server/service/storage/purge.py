@@ -30,21 +30,13 @@ _CHUNKS, _ROWS, _PAGES = 32, 500, 2048
 
 @dataclass(frozen=True)
 class Purged:
-    """Rows removed, or to be removed.
+    """Rows removed, or to be removed."""
 
-    Attributes:
-        sessions: deleted ones whose content is gone.
-        chunks: of readings.
-        chunk_bytes: size of those chunks.
-        jobs: that had ended.
-        messages: of the live stream.
-    """
-
-    sessions: int = 0
-    chunks: int = 0
-    chunk_bytes: int = 0
-    jobs: int = 0
-    messages: int = 0
+    sessions: int = 0  # deleted ones whose content is gone
+    chunks: int = 0  # of readings
+    chunk_bytes: int = 0  # size of those chunks
+    jobs: int = 0  # that had ended
+    messages: int = 0  # of the live stream
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""

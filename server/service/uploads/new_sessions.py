@@ -67,17 +67,11 @@ Sent = Sequence[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Held:
-    """Files that were sent, for as long as they are looked at.
+    """Files that were sent, for as long as they are looked at."""
 
-    Attributes:
-        folder: in which they lie.
-        recordings: in the order in which they were sent.
-        mapping: which channel is which, sent with them or in the request; None where there is none yet.
-    """
-
-    folder: Path
-    recordings: tuple[Path, ...]
-    mapping: LabFileMap | None
+    folder: Path  # in which they lie
+    recordings: tuple[Path, ...]  # in the order in which they were sent
+    mapping: LabFileMap | None  # which channel is which, sent with them or in the request; None where there is none yet
 
     @property
     def foreign(self) -> Path | None:

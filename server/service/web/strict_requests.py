@@ -98,14 +98,10 @@ class Elsewhere(Protocol):
 
 
 class StrictRoute(APIRoute):
-    """A route that reads its requests strictly, and answers in a thread of its kind.
+    """A route that reads its requests strictly, and answers in a thread of its kind."""
 
-    Attributes:
-        workers: that kind.
-        only_read: methods of which a request needs what is stored, and nothing else of the running service.
-    """
-
-    workers: Kind = "readers"
+    workers: Kind = "readers"  # that kind
+    # Methods of which a request needs what is stored, and nothing else of the running service.
     only_read: frozenset[str] = frozenset()
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **more: Any) -> None:
