@@ -17,7 +17,7 @@ from fingermodel.diagnosis.posterior.curves import Said, gain
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.group_errors import waves
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import ALIKE, P_VALUE, TREND
+from fingermodel.diagnosis.settings import FORM_NAMED, P_VALUE, TREND
 
 # Information of a weight, and share of a column's, that is rounding.
 _LEAST = 1e-6
@@ -105,13 +105,14 @@ def trend_of(fit: Optimum) -> Trend | None:
     change.reshape(-1)[session.rows] = one.columns[:, 1:] @ weights
     course = tuple((one.course @ weights).tolist())
     found = np.sum(fit.changes, axis=0).reshape(-1)[session.rows] if fit.changes else np.zeros(len(session.rows))
-    of_found = _cosine(found[session.fitted], one.columns[session.fitted, 0]) >= ALIKE
+    of_found = _across(found[session.fitted], one.columns[session.fitted, 0]) <= FORM_NAMED
     return Trend(one.what, one.along, p_value, log_evidence, fit.size_newton(change), one.unit, course, of_found)
 
 
-def _cosine(a: Floats, b: Floats) -> float:
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return abs(float(a @ b)) / size if size > 0.0 else 0.0
+def _across(change: Floats, column: Floats) -> float:
+    """Share of a change (n,) that is not along a column (n,); 1 where there is no change."""
+    size, along = float(change @ change), float(column @ column)
+    return float(np.sqrt(max(1.0 - float(change @ column) ** 2 / (size * along), 0.0))) if size * along > 0.0 else 1.0
 
 
 def _tested(information: Floats, score: Floats) -> tuple[float, float, Floats]:
