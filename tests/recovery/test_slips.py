@@ -102,3 +102,22 @@ def test_a_suspect_does_not_count_in_the_errors(tmp_path: Path) -> None:
     summary = found["before"][f"identification/{place}"]["sagittal"]
     assert summary["cases"] == counted - 1
     assert summary["rmse_N"] < 0.05
+
+
+def test_loads_hung_the_other_way_round_in_two_postures_are_told_and_put_right_by_their_masses(tmp_path: Path) -> None:
+    draw_session(tmp_path, 51, {}, nuisance_scale=0.8, done=Done(51, 0.01))
+    file = tmp_path / "session.yaml"
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    at_tip = [c for c in document["cases"] if c["role"] == "identification" and c["location"] == "tip"]
+    one = next(c for c in at_tip if list(c["masses_g"]) == ["FDP"])
+    other = next(c for c in at_tip if list(c["masses_g"]) == ["EDC"] and c["posture"] != one["posture"])
+    hung = {one["id"]: one["masses_g"], other["id"]: other["masses_g"]}
+    one["masses_g"], other["masses_g"] = other["masses_g"], one["masses_g"]
+    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    found = diagnosed(tmp_path)
+    assert {s["case"] for s in found["suspects"]} == set(hung)
+    for suspect in found["suspects"]:
+        like = suspect["reads_like"][0]
+        assert (like["kind"], like["exchanged_with"]) == ("exchanged", None)
+        assert like["masses_g"] == hung[suspect["case"]]
+    assert found["verdict"] == "nothing_missing"

@@ -28,8 +28,11 @@ class Explained:
     @property
     def partner(self) -> int | None:
         """The case that this one is more probably exchanged with than not."""
-        slip, probability, _ = self.slips[0] if self.slips else (None, 0.0, 0.0)
-        return slip.partner if slip is not None and probability >= 0.5 else None
+        total: dict[int, float] = {}
+        for slip, probability, _ in self.slips:
+            if slip.partner is not None:
+                total[slip.partner] = total.get(slip.partner, 0.0) + probability
+        return next((case for case, probability in total.items() if probability >= 0.5), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +75,10 @@ class SlipsAbout:
             case: float(np.logaddexp(0.0, LOG_PRIOR_ODDS + _all_together(apart[case], slips)))
             for case, slips in found.items()
         }
-        swapped = {(case, slip.partner): gain for (case, slip), gain, _ in weighed if slip.partner is not None}
+        swapped = {(case, s.partner, s.like == case): g for (case, s), g, _ in weighed if s.partner is not None}
         for (case, slip), gain, chi in weighed:
             if slip.partner is not None:
-                both = gain + swapped[slip.partner, case] - alone[slip.partner]
+                both = gain + swapped[slip.partner, case, slip.like == case] - alone[slip.partner]
                 found[case].append((slip, float(np.log(slip.share)) + both, chi))
         return {case: _weighed(apart[case], slips) for case, slips in found.items()}
 

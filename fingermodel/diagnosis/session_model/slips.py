@@ -129,13 +129,17 @@ class PossibleSlips:
 
     def _exchanges(self, case: int) -> Iterator[Slip]:
         o = self._observations
-        for other in range(len(o.ids)):
-            alike = o.masses_g[other] == o.masses_g[case] and o.postures[other] == o.postures[case]
-            if o.roles[other] != "check" and o.locations[other] == o.locations[case] and not alike:
-                words = f"exchanged with {o.ids[other]}"
-                yield Slip(
-                    "exchanged", words, o.masses_g[other], o.postures[other], self._tension[other], other, 1.0, other
-                )
+        for other, name in enumerate(o.ids):
+            if o.roles[other] == "check" or o.locations[other] != o.locations[case]:
+                continue
+            masses, tension = o.masses_g[other], self._tension[other]
+            same_loads, same_posture = masses == o.masses_g[case], o.postures[other] == o.postures[case]
+            if not (same_loads and same_posture):
+                words = f"exchanged with {name}"
+                yield Slip("exchanged", words, masses, o.postures[other], tension, other, 1.0, other)
+            if not (same_loads or same_posture):
+                words = f"the loads were exchanged with those of {name}"
+                yield Slip("exchanged", words, masses, o.postures[case], tension, case, 1.0, other)
 
 
 def _turned(grams: float) -> list[float]:
