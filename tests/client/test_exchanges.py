@@ -45,7 +45,8 @@ def test_an_unknown_session_is_a_404_in_one_line(twin: Client) -> None:
         twin.session("DEV-99")
     assert caught.value.status == 404
     assert caught.value.found == "there is no session DEV-99"
-    assert one_line(caught.value) == "there is no session DEV-99; expected one of GET /api/v1/sessions."
+    remedy = "Look how it is spelt, and ask for one that is there"
+    assert one_line(caught.value) == f"there is no session DEV-99; expected one of GET /api/v1/sessions. {remedy}."
 
 
 def test_a_body_that_is_wrong_is_said_with_its_place(twin: Client) -> None:

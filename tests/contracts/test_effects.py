@@ -217,7 +217,7 @@ def test_a_finger_of_other_joints_has_fewer_effects_and_none_that_fails() -> Non
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_users_effect_says_what_another_finger_lacks(name: str) -> None:
     topology, _ = six_axes(5)
-    of_the_cell = {"force_shunt": 8, "cell_nonlinearity": 2}
+    of_the_cell = {"force_shunt": 8, "cell_nonlinearity": 1}
     if name in of_the_cell:
         assert len(effect_of(name).parameters(topology, LAYOUT)) == of_the_cell[name]
         return

@@ -138,24 +138,39 @@ class Session:
         return frozenset(name for name, changes in columns.items() if changes.any())
 
     @cached_property
+    def unlike_fitted(self) -> frozenset[int]:
+        """Validation cases in a posture, with tendons loaded together, or under a load that no fitted case has."""
+        tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self._fitted_cases, self._unseen_cases
+        loads, most = {tuple(tension[i] > 0.0) for i in fitted}, tension[fitted].max(axis=0) * (1.0 + _ALIKE)
+        strange = np.array([tuple(tension[i] > 0.0) not in loads or bool((tension[i] > most).any()) for i in unseen])
+        return frozenset(unseen[strange | self._in_new_posture].tolist())
+
+    @cached_property
     def beyond_fitted(self) -> Mask:
         """(cases,) validation cases that are unlike any fitted one, or loaded more heavily than any alike.
 
-        Alike are cases at one mount in which the same tendons are loaded together. In others something may act that no
-        fitted one shows.
+        Alike are cases at one mount in which the same tendons are loaded together.
         """
-        tension, postures = np.asarray(self.observations.inputs.tension), np.array(self.observations.postures)
-        fitted, unseen = (np.unique(self.rows[chosen] // 6) for chosen in (self.fitted, ~self.fitted))
+        tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self._fitted_cases, self._unseen_cases
         alike = self.load_sets[unseen, None] == self.load_sets[fitted]
         enough = (tension[unseen, None] <= tension[fitted] * (1.0 + _ALIKE)).all(axis=2)
         out = np.zeros(len(tension), dtype=bool)
-        out[unseen] = ~np.isin(postures[unseen], postures[fitted]) | ~(alike & enough).any(axis=1)
+        out[unseen] = self._in_new_posture | ~(alike & enough).any(axis=1)
         return out
 
     @property
-    def unlike_fitted(self) -> frozenset[int]:
-        """The same by their indices."""
-        return frozenset(np.flatnonzero(self.beyond_fitted).tolist())
+    def _fitted_cases(self) -> Ints:
+        return np.unique(self.rows[self.fitted] // 6)
+
+    @property
+    def _unseen_cases(self) -> Ints:
+        return np.unique(self.rows[~self.fitted] // 6)
+
+    @property
+    def _in_new_posture(self) -> Mask:
+        """(validation cases,) whether no fitted case is in their posture."""
+        postures = np.array(self.observations.postures)
+        return ~np.isin(postures[self._unseen_cases], postures[self._fitted_cases])
 
     @cached_property
     def load_sets(self) -> Ints:

@@ -195,17 +195,28 @@ def check(fit: Optimum) -> PredictiveCheck:
     predictions = _predictions(fit)
     p = predictions[0][1]
     about, scatter = SlipsAbout(session.changes, fit.theta), fit.hyper.values(fit.best).errors.scatter
-    bad, every = set[int](), set(p.cases.tolist())
-    # The worst are taken for bad one after another; then those back that later ones had made look bad.
-    for _ in range(1 + len(every) // 4):
-        odds, explained = _weighed(session, p, about, scatter, bad, every - bad)
-        worst = max(odds, key=lambda c: odds[c], default=None)
-        if worst is None or odds[worst] < 0.0:
+    bad, strange = set[int](), set[int]()
+    for _ in range(1 + len(np.unique(p.cases)) // 4):
+        apart = bad | strange
+        sound = _apart(session, p, apart, set(p.cases.tolist()) - apart)
+        could = {case: one for case, one in sound.items() if one.misfit > -LOG_PRIOR_ODDS}
+        found = about.explain(could, scatter)
+        odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
+        unlike = {case: _LOG_UNLIKE + could[case].anything for case in could.keys() & session.unlike_fitted}
+        either = {case: max(o, unlike.get(case, o)) for case, o in odds.items()}
+        worst = max(either, key=lambda c: either[c], default=None)
+        if worst is None or either[worst] < 0.0:
             break
-        partner = explained[worst].partner
-        bad |= {worst} if partner is None else {worst, partner}
+        partner = found[worst].partner
+        if either[worst] > odds[worst]:
+            strange.add(worst)
+        else:
+            bad |= {worst} if partner is None else {worst, partner}
+    # Held against one another while all seemed sound, bad cases make each other look worse, or better.
     while True:
-        odds, explained = _weighed(session, p, about, scatter, bad, bad)
+        held = _apart(session, p, bad | strange, bad)
+        explained = about.explain(held, scatter)
+        odds = {case: _log_odds(session, held[case], explained[case].gain) for case in held}
         least = min(odds, key=lambda c: odds[c], default=None)
         if least is None or odds[least] >= 0.0:
             break
@@ -223,19 +234,13 @@ def _log_density(predictions: Iterable[tuple[float, Prediction]], spoilt: Collec
     return float(logsumexp(each))
 
 
-def _weighed(
-    session: Session, p: Prediction, about: SlipsAbout, scatter: float, bad: Collection[int], cases: Collection[int]
-) -> tuple[dict[int, float], dict[int, Explained]]:
-    """Log odds of some cases to be bad, each against all others of which some are, and what may have been done in it.
+def _log_odds(session: Session, case: Apart, gain: float) -> float:
+    """Log odds of a case to be bad, with what a slip gains over anything.
 
     In a case unlike any fitted one something may act that none of these shows: that is no fault of the case.
     """
-    held = _apart(session, p, bad, cases)
-    held = {case: one for case, one in held.items() if case in bad or one.misfit > -LOG_PRIOR_ODDS}
-    explained, unlike = about.explain(held, scatter), session.unlike_fitted
-    sound = {c: np.logaddexp(0.0, _LOG_UNLIKE + one.anything) if c in unlike else 0.0 for c, one in held.items()}
-    odds = {c: LOG_PRIOR_ODDS + one.anything + explained[c].gain - float(sound[c]) for c, one in held.items()}
-    return odds, explained
+    sound = float(np.logaddexp(0.0, _LOG_UNLIKE + case.anything)) if case.case in session.unlike_fitted else 0.0
+    return LOG_PRIOR_ODDS + case.anything + gain - sound
 
 
 def _spoilt(prediction: Prediction, bad: Collection[int]) -> Floats:
