@@ -71,6 +71,7 @@ class Diagnosis:
     curves: tuple[SmoothCurve, ...]  # of moment arms, tensions and forces, where nothing fits; the most evident first
     nulls: tuple[Null, ...]  # what the readings say without any model of the tendons
     trend: Trend | None  # of what the verdict leaves, along time or load
+    unlike: tuple[int, ...]  # fitted cases that stand apart, and of which all those alike do: see `unlike_sound`
     seconds: float  # of the computation
     comparisons: dict[Explanation, Comparison] = field(repr=False)  # of every explanation that was fitted
 
@@ -98,11 +99,6 @@ class Diagnosis:
     def outliers(self) -> tuple[int, ...]:
         """Cases that stand apart and are no suspects: noise with a long tail explains them."""
         return tuple(sorted(self.standing_apart.keys() - self.suspects.keys() - set(self.unlike)))
-
-    @property
-    def unlike(self) -> tuple[int, ...]:
-        """Fitted cases that stand apart, and of which all those alike do: something may act in these alone."""
-        return unlike_sound(self.session, self.searched.slips)
 
     @property
     def standing_apart(self) -> dict[int, tuple[float, Explained | None]]:
@@ -182,7 +178,8 @@ def diagnose(
     trend = trend_of(posterior.leader if verdict.kind == "none_of_catalogue" else added)
     if trend:
         verdict = doubted(verdict, added, trend)
-    if unlike := unlike_sound(session, searched.slips):
+    unlike = unlike_sound(session, searched.slips)
+    if unlike:
         verdict = with_unlike(verdict, [observations.ids[case] for case in unlike])
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
@@ -225,6 +222,7 @@ def diagnose(
         curves,
         nulls(model, observations),
         trend,
+        unlike,
         time.perf_counter() - began,
         {e: compare(model, observations, (f if e.size else refitted).theta) for e, f in posterior.fits.items()},
     )

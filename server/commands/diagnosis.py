@@ -174,9 +174,8 @@ def _print_where(where: dict[str, Any]) -> None:
     for label, key in (("muscle", "by_muscle"), ("posture", "by_posture"), ("mount", "by_location")):
         worst = sorted(where[key].items(), key=lambda item: -(item[1]["z_rms"] or 0.0))[:3]
         rows += [[label, name, e["cases"], e["rmse_N"], e["z_rms"]] for name, e in worst]
-    apart = f", without {', '.join(where['without'])}" if where["without"] else ""
     table(
-        f"Where the model fails, after a refit with nothing added{apart}",
+        f"Where the model fails, after a refit with nothing added{_without(where)}",
         ["by", "", "cases", "RMSE [N]", "z"],
         rows,
         "z: norm of the residual in standard uncertainties, root mean square over cases",
@@ -190,6 +189,9 @@ def _print_fall(body: dict[str, Any]) -> None:
         before, after = planes[plane]["rmse_N"], body["after"][place][plane]["rmse_N"]
         seen = "fitted" if place.startswith("identification") else "not fitted"
         rows.append([place, seen, before, after])
-    left_out = ", ".join(s["case"] for s in body["suspects"])
-    title = "RMSE [N] before and after" + (f", without {left_out}" if left_out else "")
-    table(title, ["cases", "", "before", "after"], rows)
+    table(f"RMSE [N] before and after{_without(body['where'])}", ["cases", "", "before", "after"], rows)
+
+
+def _without(where: dict[str, Any]) -> str:
+    """Say which cases stand apart, and do not count."""
+    return f", without {', '.join(where['without'])}" if where["without"] else ""

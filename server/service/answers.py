@@ -37,6 +37,12 @@ class JsonAnswer(JSONResponse):
         return content if isinstance(content, bytes) else dumps(content)
 
 
+def page_of(kind: str, rows: list[dict[str, Any]], limit: int) -> JsonAnswer:
+    """Answer with rows of a list, such as `jobs`, and the id after which the next ones come; None after the last."""
+    last = rows[-1]["id"] if len(rows) == limit else None
+    return JsonAnswer({"schema": f"fingertwin/{kind}/1", kind: rows, "next": last})
+
+
 @dataclass(frozen=True)
 class Tagged:
     """JSON as it is answered, with a tag for clients that have it already."""

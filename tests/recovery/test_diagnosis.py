@@ -21,8 +21,6 @@ from fingermodel.diagnosis.answer.ranking import parameters_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
-from fingermodel.diagnosis.search.bad_cases import unlike_sound
-from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.verdict.predictive import check, holding, predicted, together
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.diagnosis.verdict.verdict import doubted, with_unlike
@@ -288,18 +286,6 @@ def test_a_slip_in_one_case_is_the_first_suspect_and_the_finding_stands(tmp_path
     assert f"but for {wrong.id}" in nulls_beside(run, [])
 
 
-def test_cases_that_no_sound_one_is_like_are_no_slips_unless_a_slip_explains_them() -> None:
-    session = diagnosed("DEV-01")[1].session
-    fitted = np.unique(session.rows[session.fitted] // 6)
-    of_set = [fitted[session.load_sets[fitted] == number].tolist() for number in np.unique(session.load_sets[fitted])]
-    alike = min(of_set, key=len)
-    unknown, known = Explained(0.0, 1.0, ()), Explained(20.0, 1.0, ())
-    assert unlike_sound(session, dict.fromkeys(alike, unknown)) == tuple(alike)
-    assert unlike_sound(session, dict.fromkeys(alike, known)) == ()
-    assert unlike_sound(session, dict.fromkeys(alike[1:], unknown)) == ()
-    assert unlike_sound(session, {}) == ()
-
-
 def test_what_no_slip_explains_and_no_sound_case_is_like_leaves_nothing_missing_open() -> None:
     verdict = with_unlike(diagnosed("DEV-01")[1].verdict, ["c042", "c046"])
     assert (verdict.kind, verdict.effects) == ("undecided", ())
@@ -311,7 +297,7 @@ def test_what_no_slip_explains_and_no_sound_case_is_like_leaves_nothing_missing_
 
 def test_a_finding_whose_own_quantity_changes_with_time_is_another_law() -> None:
     found = diagnosed("DEV-02")[1]
-    size = found.best.size_newton(np.sum(found.best.changes, axis=0))
+    size = found.best.newton
     for share, of_found, kind in ((0.5, False, "found"), (0.05, True, "found"), (0.5, True, "undecided")):
         trend = Trend("what all pull", "time", 1e-9, 9.0, share * size, "%", (-1.0, 0.0, 1.0), of_found)
         assert doubted(found.verdict, found.best, trend).kind == kind

@@ -15,13 +15,10 @@ import numpy as np
 import pytest
 
 from daq.acquisition.blocks import Chunk
-from daq.drivers import driver
 from daq.journal.reader import JournalReader
 from daq.journal.writer import Journal
 from daq.recordings.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
-from server.commands.log_bench import bench_setup
-from server.commands.log_parts import LogOptions
 from tests.contracts.ingest import SmallReceiver, serving
 from tests.daq.cal_files import nano17
 from tests.daq.journal_writer import made_chunk
@@ -324,36 +321,6 @@ def test_a_bench_session_that_could_not_be_used_later_is_refused_now(
     assert (code, err.count("\n")) == (2, 1)
     assert said in err
     assert not Path("out").exists()
-
-
-def test_a_setup_takes_its_finger_file_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    given = {
-        "format": "bench-setup/1",
-        "specimen": {"id": "S1", "species": "human", "digit": "third", "side": "left"},
-        "finger": "mine.yaml",
-        "tension_factor": 0.835,
-    }
-    Path("setup.yaml").write_text(json.dumps(given))
-    Path("mine.yaml").write_text("format: finger/1\nid: mine\n")
-    options = LogOptions("replay", None, None, (), Path("out"), None, protocol="levels", setup=Path("setup.yaml"))
-    setup = bench_setup(options, driver("robotiq-ft300")({}))
-    assert setup.as_value()["finger_document"] == {"format": "finger/1", "id": "mine"}
-
-
-def test_two_days_of_one_setup_are_two_sessions(tmp_path: Path) -> None:
-    specimen = {"id": "S1", "species": "human", "digit": "third", "side": "left"}
-    given = {"format": "bench-setup/1", "id": "S1-rig", "specimen": specimen, "finger": "an1979_middle"}
-    (tmp_path / "setup.yaml").write_text(json.dumps(given | {"tension_factor": 0.835}))
-
-    def called(out: str, session: str | None = None) -> str:
-        setup = tmp_path / "setup.yaml"
-        options = LogOptions(
-            "replay", None, None, (), tmp_path / out, None, protocol="levels", setup=setup, session=session
-        )
-        return bench_setup(options, driver("robotiq-ft300")({})).id
-
-    assert [called("monday"), called("tuesday"), called("out", "wednesday")] == ["monday", "tuesday", "wednesday"]
 
 
 def test_a_replay_arrives_at_a_service_once_and_in_order(

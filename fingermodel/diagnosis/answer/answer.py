@@ -18,7 +18,7 @@ from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import LIVE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.diagnosis.verdict.predictive import holding, together
-from fingermodel.diagnosis.verdict.verdict import misfits
+from fingermodel.diagnosis.verdict.verdict import misfits, words
 from fingermodel.parameters import with_unit
 
 # Effects are shown from this probability on.
@@ -40,10 +40,12 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
     rows = len(nothing.residual)
     alone, added = misfits(d.stated, best if best.explanation.size else d.stated)
-    apart = {"without": [d.session.observations.ids[case] for case in d.standing_apart]}
-    fails = where(d.session.problem, d.refitted.theta, d.standing_apart) | apart | {"added": []}
-    fails_after = where(d.session.problem, d.theta_of(best), d.standing_apart) | apart
-    fails_after |= {"added": list(best.explanation.names)}
+    apart = d.standing_apart
+    fails, fails_after = (
+        where(d.session.problem, theta, apart)
+        | {"without": [d.session.observations.ids[case] for case in apart], "added": list(added)}
+        for theta, added in ((d.refitted.theta, ()), (d.theta_of(best), best.explanation.names))
+    )
     return {
         "verdict": verdict.kind,
         "effects": list(verdict.effects),
@@ -116,7 +118,7 @@ def meaning(d: Diagnosis) -> str:
     single |= {kinds["found"]: d.posterior.of_names(d.verdict.names)} if several else {}
     likeliest = min(single, key=lambda words: abs(single[words] - d.verdict.probability))
     # Of what refutes it the posterior knows nothing.
-    p_value = predictive(d)["p_value_after"]
+    p_value = _p_as_judged(d)
     others = " of the other cases" if d.unlike else ""
     refuted = p_value is not None and p_value < P_VALUE
     of = (
@@ -134,7 +136,7 @@ def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
     """
     if all(n.verdict != "violated" for n in d.nulls):
         return ""
-    apart = " and ".join(d.session.observations.ids[case] for case in list(d.suspects)[:3])
+    apart = words([d.session.observations.ids[case] for case in d.suspects])
     rest = f", but for {apart}" if apart else ""
     first = "These tests hold readings of all cases against each other, and know of no effect."
     kind, names = d.verdict.kind, " and ".join(dict.fromkeys(n.split(".")[0] for n in held))
@@ -190,15 +192,20 @@ def reads_like(explained: Explained, ids: Sequence[str]) -> list[dict[str, Any]]
 def predictive(d: Diagnosis) -> dict[str, Any]:
     """The predictive check on the validation cases, of the model without any effect and of what would be added."""
     before = d.checks[d.posterior.nothing.explanation]
-    after, shares = d.checks[d.judged.explanation], holding(d.posterior, d.judged)
+    after = d.checks[d.judged.explanation]
     return {
         "log_density_before": before.log_density,
         "p_value_before": before.p_value,
         "log_density_after": after.log_density,
-        # As the verdict counts it: whichever explanation with these effects holds.
-        "p_value_after": together(d.checks, shares) if shares.keys() <= d.checks.keys() else after.p_value,
+        "p_value_after": _p_as_judged(d),
         "missed_after": [d.session.observations.ids[case] for case in after.missed],
     }
+
+
+def _p_as_judged(d: Diagnosis) -> float | None:
+    """P-value as the verdict counts it: whichever explanation with these effects holds."""
+    shares = holding(d.posterior, d.judged)
+    return together(d.checks, shares) if shares.keys() <= d.checks.keys() else d.checks[d.judged.explanation].p_value
 
 
 def _missed(d: Diagnosis) -> list[str]:

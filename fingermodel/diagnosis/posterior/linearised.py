@@ -138,6 +138,11 @@ class Linearised:
         """What each member changes [N]: RMS over the fitted force components that it touches."""
         return {n: self.size_newton(c) for n, c in zip(self.explanation.names, self.changes, strict=True)}
 
+    @property
+    def newton(self) -> float:
+        """What all members change together [N], in the same sense."""
+        return self.size_newton(np.sum(self.changes, axis=0))
+
     def size_newton(self, change: Floats) -> float:
         """Size [N] of a change (cases, 6): RMS over the fitted force components that it touches."""
         session = self.session

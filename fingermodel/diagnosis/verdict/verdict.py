@@ -94,7 +94,7 @@ def with_unlike(verdict: Verdict, cases: Sequence[str]) -> Verdict:
     )
     if verdict.kind == "nothing_missing":
         return replace(verdict, reasons=()).lacking(what)
-    return replace(verdict, reasons=(*verdict.reasons, f"N{what[1:]}."))
+    return replace(verdict, reasons=(*verdict.reasons, f"{what[0].upper()}{what[1:]}."))
 
 
 def doubted(verdict: Verdict, fit: Optimum, trend: Trend) -> Verdict:
@@ -110,8 +110,8 @@ def doubted(verdict: Verdict, fit: Optimum, trend: Trend) -> Verdict:
     if verdict.kind not in ("found", "nothing_missing", "one_of"):
         return verdict
     if verdict.kind == "found":
-        size = fit.size_newton(np.sum(fit.changes, axis=0))
-        if trend.size_N < (FORM_NAMED * size if trend.of_found else size):
+        least = fit.newton * (FORM_NAMED if trend.of_found else 1.0)
+        if trend.size_N < least:
             return verdict
     return verdict.lacking(trend.sentence)
 
@@ -159,7 +159,7 @@ def _found(
     reasons = [
         f"{words(names)} {explain} the readings: misfit {before:.0f} falls to {after:.0f} for "
         f"{len(fit.residual)} readings; it changes the forces by "
-        f"{fit.size_newton(np.sum(fit.changes, axis=0)):.3f} N (RMS)."
+        f"{fit.newton:.3f} N (RMS)."
     ]
     alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
     if alike:

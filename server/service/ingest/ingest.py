@@ -237,9 +237,9 @@ def _keep(
         "epoch": sent.epoch,
     }
     here = (streams.c.session == session) & (streams.c.id == stream)
-    before = streams_of(connection, session)[0]
+    leads = streams_of(connection, session)[0] == stream
     changed = connection.execute(update(streams).where(here).values(change).returning(streams)).one()
-    if streams_of(connection, session)[0] != before:
+    if not leads and streams_of(connection, session)[0] == stream:
         raise_version(connection, session)  # windows are read in another stream now
     return _cursor(connection, changed), fresh
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 
 from fingermodel.diagnosis.several_sessions.independence import require_apart
-from server.service.answers import JsonAnswer
+from server.service.answers import JsonAnswer, page_of
 from server.service.schemas.common import Form, Limit, RevisionId, SessionId, documented
 from server.service.schemas.fits import (
     AskedAddition,
@@ -63,7 +63,7 @@ def session_revisions(session: SessionId, request: Request, limit: Limit = 100, 
     parts = of(request)
     parts.sessions.version(session)
     rows = parts.revisions.listed(session=session, limit=limit, after=after)
-    return _revisions(rows, limit)
+    return page_of("revisions", rows, limit)
 
 
 @router.post("/sessions/{session}/diagnoses", status_code=202, responses=_ACCEPTED)
@@ -111,7 +111,7 @@ def revisions(
 ) -> JsonAnswer:
     """List revisions, oldest first."""
     rows = of(request).revisions.listed(specimen, None, limit, after)
-    return _revisions(rows, limit)
+    return page_of("revisions", rows, limit)
 
 
 @router.get("/revisions/{revision}", responses=documented(RevisionWhole))
@@ -159,13 +159,7 @@ def _submitted(request: Request, kind: str, session: str | None, body: Form, use
     return JsonAnswer(job.as_dict(), 202, {"Location": f"/api/v1/jobs/{job.id}"})
 
 
-def _revisions(rows: list[dict[str, Any]], limit: int) -> JsonAnswer:
-    last = rows[-1]["id"] if len(rows) == limit else None
-    return JsonAnswer({"schema": "fingertwin/revisions/1", "revisions": rows, "next": last})
-
-
 def _listed(parts: Services, session: str, kinds: tuple[str, ...], limit: int, after: str | None) -> JsonAnswer:
     parts.sessions.version(session)
     rows = [j.as_dict() for j in parts.jobs.list(session, None, limit, after, kinds)]
-    last = rows[-1]["id"] if len(rows) == limit else None
-    return JsonAnswer({"schema": "fingertwin/jobs/1", "jobs": rows, "next": last})
+    return page_of("jobs", rows, limit)

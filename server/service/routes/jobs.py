@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 
-from server.service.answers import JsonAnswer
+from server.service.answers import JsonAnswer, page_of
 from server.service.schemas.common import Limit, documented
 from server.service.schemas.jobs import JobList, JobShown, State
 from server.service.services import of
@@ -28,9 +28,7 @@ def listed(
 ) -> JsonAnswer:
     """List jobs, newest first, without their results."""
     rows = [job.as_dict() for job in of(request).jobs.list(session, state, limit, after)]
-    return JsonAnswer(
-        {"schema": "fingertwin/jobs/1", "jobs": rows, "next": rows[-1]["id"] if len(rows) == limit else None}
-    )
+    return page_of("jobs", rows, limit)
 
 
 @router.get("/{job}", responses=documented(JobShown))

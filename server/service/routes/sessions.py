@@ -11,7 +11,7 @@ from sqlalchemy import select
 from daq.errors import InputError
 from daq.sessions.amendments import amendment, amendments_of, block_of, case_of, exchanged
 from daq.sessions.models import Amendment
-from server.service.answers import JsonAnswer
+from server.service.answers import JsonAnswer, page_of
 from server.service.models.case_updates import case_bodies
 from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented
 from server.service.schemas.sessions import (
@@ -73,9 +73,7 @@ def listed(
 ) -> JsonAnswer:
     """List sessions in the order of their ids."""
     rows = of(request).sessions.listed(specimen, limit, after)
-    return JsonAnswer(
-        {"schema": "fingertwin/sessions/1", "sessions": rows, "next": rows[-1]["id"] if len(rows) == limit else None}
-    )
+    return page_of("sessions", rows, limit)
 
 
 @kept.get("/{session}", responses=documented(SessionShown))

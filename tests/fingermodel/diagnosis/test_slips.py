@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.search.bad_cases import unlike_sound
 from fingermodel.diagnosis.session_model.bad_cases import Apart
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.session_model.slip_odds import SlipsAbout
+from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import SLIP_SHARES
 from fingermodel.fitting.roots import root_of, root_of_one_plus
 from fingermodel.session import Session
@@ -71,6 +72,18 @@ def test_a_reading_of_another_entry_is_told_by_it(nothing: Optimum) -> None:
         assert own == pytest.approx(0.0, abs=1e-9)
         assert all(chi_square < 25.0 for _, probability, chi_square in found if probability > 0.05)
         assert sum(probability for _, probability, _ in found) > 0.5
+
+
+def test_cases_that_no_sound_one_is_like_are_no_slips_unless_a_slip_explains_them(nothing: Optimum) -> None:
+    session = nothing.session
+    fitted = np.unique(session.rows[session.fitted] // 6)
+    of_set = [fitted[session.load_sets[fitted] == number].tolist() for number in np.unique(session.load_sets[fitted])]
+    alike = min((cases for cases in of_set if len(cases) > 1), key=len)
+    unknown, known = Explained(0.0, 1.0, ()), Explained(20.0, 1.0, ())
+    assert unlike_sound(session, dict.fromkeys(alike, unknown)) == tuple(alike)
+    assert unlike_sound(session, dict.fromkeys(alike, known)) == ()
+    assert unlike_sound(session, dict.fromkeys(alike[1:], unknown)) == ()
+    assert unlike_sound(session, {}) == ()
 
 
 @given(
