@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ModelError
 from fingermodel.budget import CERTIFICATE, anatomy_parameters, budget_effects
+from fingermodel.compiled.programs import UNOPTIMISED
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.contract import RESERVED, contract_faults
 from fingermodel.effects.user import load_effect, shipped_effects
@@ -140,7 +141,7 @@ def slopes(finger: str) -> Slopes:
 
     rows, ways = jnp.asarray(np.tile(p, (len(p), 1))), jnp.asarray(unit)
     # Run once or twice, so not worth optimising.
-    compiled = jax.jit(jax.vmap(both)).lower(rows, ways).compile({"xla_backend_optimization_level": "0"})
+    compiled = jax.jit(jax.vmap(both)).lower(rows, ways).compile(UNOPTIMISED)
 
     def moved(step: float) -> Floats:
         return np.asarray(compiled(rows + step * ways, ways)[0])

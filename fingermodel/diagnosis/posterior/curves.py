@@ -139,8 +139,8 @@ class SmoothCurve:
     size: float  # likeliest amplitude, in the stage's unit
     log_evidence: float  # that it acts, over what else explains the readings
     log_evidence_lost: Floats  # (parts,) without each group
-    postures: Floats  # (postures, rotations) [rad], and
-    rotations: tuple[str, ...]  # their names
+    postures: Floats  # (postures, rotations) [rad]
+    rotations: tuple[str, ...]  # names of the rotations
     mean: Floats  # (parts, postures), in the stage's unit
     sd: Floats  # (parts, postures)
 

@@ -27,8 +27,9 @@ class NoiseWhitening:
     """A root of the inverse of N + T Tᵀ: noise N that is block-diagonal by case, and columns T of the tares."""
 
     roots: list[tuple[Ints, Floats]]  # rows and inverse roots of the noise by case
-    left: csr_array  # (n, k) and
-    # (k, n) what the tares take away after it. A tare is one of a few cases: hardly anything is not zero.
+    # (n, k) and (k, n): their product is what the tares take away after the noise by case. A tare is one of a few
+    # cases: hardly anything is not zero.
+    left: csr_array
     right: csr_array
     log_det: float  # of N + T Tᵀ
 
@@ -116,9 +117,10 @@ class Whitening:
     """A root of the inverse of N + U Uᵀ."""
 
     noise: NoiseWhitening  # N, of all that no weight describes
-    left: Floats | None = None  # (n, k) and
-    right: Floats | None = None  # (k, n) what the shared weights take away after it; or else
-    dense: Tiles | None = None  # (n, n) the root of the rest
+    # Either (n, k) and (k, n), whose product is what the shared weights take away after the noise …
+    left: Floats | None = None
+    right: Floats | None = None
+    dense: Tiles | None = None  # … or (n, n) the root of the rest
 
     @classmethod
     def of(cls, noise: NoiseWhitening, shared: Floats) -> Whitening:

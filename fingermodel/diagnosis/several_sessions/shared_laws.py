@@ -32,8 +32,8 @@ class SharedLaw:
     unit: str  # of the value
     value: float  # by all sessions together
     sd: float  # of it
-    each: Floats  # (sessions,) value by each session alone, and
-    each_sd: Floats  # (sessions,) its sd, the prior's where it says nothing
+    each: Floats  # (sessions,) value by each session alone
+    each_sd: Floats  # (sessions,) sd of each, the prior's where it says nothing
     log_evidence: float  # that it acts in all of them, over that it acts in none
     left_out_gain: Floats  # (sessions,) log density that it adds to each, its value learned from the other specimens
     # By session: RMSE [N] of the validation forces' components by mount, before and with the value of the others.
