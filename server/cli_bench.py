@@ -184,7 +184,7 @@ def journal_check(journal: JournalPath, json: Json = None) -> None:
     """Read a whole journal and say whether it is as it was written."""
     from server.commands.journal import journal_check as run
 
-    raise typer.Exit(run(journal, json))
+    run(journal, json)
 
 
 @journal_app.command("recover")
@@ -196,7 +196,7 @@ def journal_recover(
     """Write a new journal with all that is sound, and list what is lost."""
     from server.commands.journal import journal_recover as run
 
-    raise typer.Exit(run(journal, out, json))
+    run(journal, out, json)
 
 
 @journal_app.command("requeue")

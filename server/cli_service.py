@@ -155,4 +155,4 @@ def audit(
     """Show who changed what, when and from where, and check that the trail is as it was written."""
     from server.commands.audit import show_audit
 
-    raise typer.Exit(show_audit(folder, {"data": data, "database_url": database_url}, json))
+    show_audit(folder, {"data": data, "database_url": database_url}, json)

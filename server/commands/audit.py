@@ -14,14 +14,22 @@ from server.commands.console import answer, say, table
 from server.commands.service import entries_of
 
 
-def show_audit(folder: Path | None, given: Mapping[str, Any], json: str | None) -> int:
-    """Print a folder's trail, or the service's; return the exit code: 2 where it is not as it was written."""
+def show_audit(folder: Path | None, given: Mapping[str, Any], json: str | None) -> None:
+    """Print a folder's trail, or the service's.
+
+    Raises:
+        InputError: it is not as it was written; the answer has been given.
+    """
     entries = entries_of(given) if folder is None else _of_folder(folder)
     wrong = faults(entries)
     body = {"ok": not wrong, "faults": wrong, "entries": [asdict(e) for e in entries]}
-    code = 2 if wrong else 0
-    if answer("audit", body, json):
-        return code
+    if not answer("audit", body, json):
+        _say_trail(entries, wrong)
+    if wrong:
+        raise InputError(f"the trail is not as it was written: {wrong[0]}", "", "A backup shows what it was")
+
+
+def _say_trail(entries: list[Entry], wrong: list[str]) -> None:
     for fault in wrong:
         say(f"error    {fault}")
     last = f"; the last has the SHA-256 {entries[-1].sha256}" if entries else ""
@@ -34,7 +42,6 @@ def show_audit(folder: Path | None, given: Mapping[str, Any], json: str | None) 
             for e in entries
         ],
     )
-    return code
 
 
 def _of_folder(folder: Path) -> list[Entry]:

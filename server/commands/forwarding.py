@@ -6,8 +6,11 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.errors import InputError
+from daq.quoting import quoted
 from daq.uplink.live_tail import LiveTail
 from daq.uplink.thread import Uplink, UplinkStatus
 
@@ -22,9 +25,23 @@ TOKEN = "FINGERTWIN_TOKEN"  # noqa: S105 - the name of the variable that holds i
 
 @dataclass
 class Delivery:
-    """State of forwarding: complete, or with readings still to be sent."""
+    """How forwarding ended."""
 
-    whole: bool = True
+    whole: bool = True  # everything is there
+    refused: int = 0  # chunks that the service did not take
+
+    def require_taken(self, to: str | None, journal: Path) -> None:
+        """Make sure that the service refused nothing; what waits is sent by the next log.
+
+        Raises:
+            InputError: it did; all is in the journal.
+        """
+        if self.refused:
+            raise InputError(
+                f"{to} refused {_chunks(self.refused)}",
+                "a service that takes them",
+                f"They stay in {journal}; fingertwin journal requeue {quoted(journal)} has them sent again",
+            )
 
 
 @contextmanager
@@ -72,12 +89,17 @@ def forwarding(
         uplink.stop()
         said(_worded(to, status, whole))
         if delivery is not None:
-            delivery.whole = whole and not status.quarantined
+            delivery.refused, delivery.whole = status.quarantined, whole and not status.quarantined
+
+
+def _chunks(count: int) -> str:
+    return f"{count} chunk{'s' * (count != 1)}"
 
 
 def _worded(to: str, status: UplinkStatus, whole: bool) -> str:
-    aside = f"; {status.quarantined} chunks were refused and stay in the journal" if status.quarantined else ""
-    if whole:
-        return f"All is at {to} ({status.sent} chunks){aside}."
+    if whole and not status.quarantined:
+        return f"All is at {to} ({_chunks(status.sent)})."
+    aside = [] if whole else ["the rest waits in the journal"]
+    aside += [f"{_chunks(status.quarantined)} refused and kept in the journal"] if status.quarantined else []
     why = f" ({status.problem})" if status.problem else ""
-    return f"Not all is at {to}{why}: {status.sent} chunks are, the rest waits in the journal{aside}."
+    return f"Not all is at {to}{why}: {_chunks(status.sent)} sent, {', '.join(aside)}."

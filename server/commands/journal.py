@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from daq.errors import InputError
+from daq.errors import InputError, JournalError
 from daq.journal.check import Report, check, recover
 from daq.journal.export import export
 from daq.journal.writer import Journal
@@ -14,29 +14,39 @@ from daq.quoting import quoted
 from server.commands.console import answer, progress, say
 
 
-def journal_check(path: Path, json: str | None) -> int:
-    """Read a whole journal; return the exit code: 2 where anything in it is not as it was written."""
+def journal_check(path: Path, json: str | None) -> None:
+    """Read a whole journal, and show whether it is as it was written.
+
+    Raises:
+        JournalError: it is not; the answer has been given.
+    """
     with progress("Reading"):
         report = check(path)
-    code = 2 if report.faults else 0
     if not answer("journal-check", {"journal": str(path), "ok": not report.faults, **asdict(report)}, json):
         _say_report(report)
-        remedy = f"; fingertwin journal recover {quoted(path)} --out NEW keeps what is sound" if report.faults else ""
-        say(f"{path}: {'damaged' if report.faults else 'sound'}{remedy}")
-    return code
+        if not report.faults:
+            say(f"{path}: sound")
+    if report.faults:
+        first = f"{path}: damaged; {_many(len(report.faults), 'fault')}, the first: {report.faults[0].text}"
+        raise JournalError(first, "", f"fingertwin journal recover {quoted(path)} --out NEW keeps what is sound")
 
 
-def journal_recover(path: Path, out: Path, json: str | None) -> int:
-    """Write a new journal with all that is sound, and list what is lost; return the exit code: 2 where anything is."""
+def journal_recover(path: Path, out: Path, json: str | None) -> None:
+    """Write a new journal with all that is sound, and list what is lost.
+
+    Raises:
+        JournalError: anything is; the new journal is written, and the answer has been given.
+    """
     with progress("Reading and writing"):
         report = recover(path, out)
     lost = len(report.losses)
     body: dict[str, Any] = {"journal": str(path), "out": str(out), "lost": lost, **asdict(report)}
     if not answer("journal-recover", body, json):
         _say_report(report)
-        losses = f"{lost or 'no'} loss{'es' * (lost != 1)}" + (f": {report.missing}" if report.missing else "")
-        say(f"{out}: {sum(report.chunks.values())} chunks recovered; {losses}")
-    return 2 if lost else 0
+        say(f"{out}: {_many(sum(report.chunks.values()), 'chunk')} recovered; {_many(lost, 'loss')}")
+    if lost:
+        missing = f": {report.missing}" if report.missing else ""
+        raise JournalError(f"{path}: {_many(lost, 'loss')}{missing}", "", f"{out} has all that is sound")
 
 
 def journal_export(path: Path, out: Path | None, stream: str | None, file_format: str, json: str | None) -> None:
@@ -66,6 +76,10 @@ def journal_requeue(path: Path, json: str | None) -> None:
         say(f"{path}: {next_log if count else 'nothing was set aside'}")
     if journal.lost is not None:
         raise journal.lost
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{('es' if what.endswith('s') else 's') * (count != 1)}"
 
 
 def _say_report(report: Report) -> None:

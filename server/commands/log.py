@@ -133,6 +133,8 @@ def _log_alone(
             where = f"{options.to} as session {options.session_name}" if delivery.whole else "not all sent"
         say(f"{told['samples']} readings in {told['seconds']:.1f} s: {where}")
     logging.require_readings(cell)
+    if command == "log":
+        delivery.require_taken(options.to, journal.path)
     return delivery.whole
 
 

@@ -24,7 +24,7 @@ from server.bench.meter import StreamMeter
 from server.bench.remote import Remote, joined
 from server.bench.view import LineView, LiveView
 from server.commands.console import answer, at_terminal, progress, say
-from server.commands.forwarding import forwarding
+from server.commands.forwarding import Delivery, forwarding
 from server.commands.log_parts import LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
@@ -53,7 +53,8 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
     """Follow a protocol, and write the session that comes of it; also from where one broke off.
 
     Raises:
-        InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed.
+        InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed; or,
+            once the session is written, a service refused some of its readings.
         KeyboardInterrupt: it broke off before the session was closed; nothing is written, so that it can go on.
     """
     setup, out = bench_setup(options, cell), options.out
@@ -64,7 +65,7 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
         raise SessionError(found, "a new folder for each session", "Choose another --out")
     setup.require_sound()
     about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
-    before = _broken_off(out, options.resume)
+    before, delivery = _broken_off(out, options.resume), Delivery()
     if before is not None:
         cell.go_on(before.stream.settings)
         told = {"driver": cell.name, "settings": dict(cell.values), "cell": about, "clock": cell.clock}
@@ -74,12 +75,14 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
             stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
         closed.path, left = out / JOURNAL_FILE, ""
     else:
-        stream, session, left = _follow(options, setup, acquisition, closed, about, before, by_keys=at_terminal(json))
+        by_keys = at_terminal(json)
+        stream, session, left = _follow(options, setup, acquisition, closed, about, before, delivery, by_keys=by_keys)
     body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
         where, count = quoted(out), len(session.cases)
         done = f"{count} load case{'s' * (count != 1)}{left}"
         say(f"{done}: {out}   (fingertwin check {where}, fingertwin compare {where})")
+    delivery.require_taken(options.to, out / JOURNAL_FILE)
 
 
 def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
@@ -118,6 +121,7 @@ def _follow(
     closed: Closed,
     about: dict[str, str],
     before: BrokenOff | None,
+    delivery: Delivery,
     *,
     by_keys: bool,
 ) -> tuple[str, Session, str]:
@@ -142,7 +146,9 @@ def _follow(
             journal.event(Event("reconnected", from_s, {"away_s": round(from_s - before.last_s, 3)}, stream))
         meter = StreamMeter(run.full_scale)
         try:
-            with forwarding(options.to, options.session_name, journal, stream, acquisition, say) as tail:
+            with forwarding(
+                options.to, options.session_name, journal, stream, acquisition, say, delivery=delivery
+            ) as tail:
                 remote = None if tail is None else Remote(tail, run)
                 _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
         except KeyboardInterrupt:

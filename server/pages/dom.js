@@ -18,6 +18,17 @@ export function fill(node, ...children) {
   return node;
 }
 
+/** Keep what was chosen in the page's address: loaded again, or come back to, it shows the same. Empty values leave it. */
+export function keep(chosen) {
+  const [path, query] = location.hash.split("?");
+  const asked = new URLSearchParams(query || "");
+  for (const [name, value] of Object.entries(chosen)) {
+    if (value) asked.set(name, value);
+    else asked.delete(name);
+  }
+  history.replaceState(null, "", asked.size ? `${path}?${asked}` : path);
+}
+
 /** By which column each table was sorted last: it is drawn anew, and stays so. */
 const sorted = new Map();
 

@@ -128,6 +128,15 @@ def test_filters_and_the_plane_hold_for_figure_and_table(seen: Watched) -> None:
     assert "in the sagittal plane" in seen.page.get_by_role("region", name=re.compile("^Errors in the")).inner_text()
     seen.page.get_by_label("by", exact=True).select_option("by_posture")
     seen.page.get_by_role("cell", name="hyperextension").first.wait_for()
+    # Loaded again, or come back to, the page shows what was chosen.
+    seen.page.get_by_label("Model", exact=True).select_option("an1979_middle")
+    seen.page.get_by_role("link", name="Fingers", exact=True).click()
+    seen.page.get_by_role("heading", name="Fingers").first.wait_for()
+    for again in (seen.page.go_back, seen.page.reload):
+        again()
+        seen.page.get_by_text(re.compile("^2 of 96 load cases")).wait_for()
+        assert seen.page.get_by_label("Model", exact=True).input_value() == "an1979_middle"
+        assert seen.page.get_by_label("Forces", exact=True).input_value() == "sagittal"
     # Nothing is left by these: the figure says so instead of being empty.
     seen.page.get_by_label("Role").select_option("validation")
     seen.page.get_by_text("No figure: none of these load cases is a validation case").wait_for()

@@ -373,7 +373,10 @@ def test_what_a_service_refused_is_put_back_and_sent_by_the_next_log(
         receiver.most_bytes = 1
         code, text, err = run(capsys, monkeypatch, *arguments)
         assert (code, "not all of" in err) == (2, True)
-        assert "1 chunks were refused and stay in the journal" in text
+        assert f"Not all is at {address}: 0 chunks sent, 1 chunk refused and kept in the journal." in text
+        logged = ["log", "--driver", "replay", "--port", journal, "--set", "speed=0", "--to", address]
+        code, _, err = run(capsys, monkeypatch, *logged, "--session", session, "--out", str(out.with_name("logged")))
+        assert (code, err.count("\n"), f"{address} refused 1 chunk; " in err) == (2, 1, True)
         code, text, _ = run(capsys, monkeypatch, "journal", "check", journal)
         assert "0 chunks wait to be sent, 1 that the service refused are set aside" in text
         code, text, _ = run(capsys, monkeypatch, "journal", "requeue", journal)

@@ -162,14 +162,14 @@ def score(
         return Confirmation(None, f"nothing was frozen without {finding}", tuple(used))
     rival = max(without, key=lambda n: logs[n])
     ratio = logs[finding] - logs[rival]
-    when = document["frozen_utc"]
+    cases = f"{len(used)} case{'s' * (len(used) != 1)} predicted on {document['frozen_utc']}"
     if holds and ratio >= np.log(CLEAR_RATIO):
-        text = f"{len(used)} cases predicted on {when} came out as {finding} said, and not as {rival} said"
+        text = f"{cases} came out as {finding} said, and not as {rival} said"
         return Confirmation(True, text, tuple(used))
     if not holds and ratio < 0.0:
-        text = f"{len(used)} cases predicted on {when} came out otherwise than {finding} said; {rival} was nearer"
+        text = f"{cases} came out otherwise than {finding} said; {rival} was nearer"
         return Confirmation(False, text, tuple(used))
-    text = f"{len(used)} cases predicted on {when} do not decide between {finding} and {rival}"
+    text = f"{cases} {'does' if len(used) == 1 else 'do'} not decide between {finding} and {rival}"
     return Confirmation(None, text, tuple(used))
 
 

@@ -1,6 +1,6 @@
 // Predicted against measured: figures, filters, table; from any point to its cases, their readings and windows.
 import { at, get } from "../api.js";
-import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
+import { el, empty, fill, keep, panel, problem, quiet, table } from "../dom.js";
 import { compact, masses, norm, number, vector, words, zOf } from "../format.js";
 import { figure } from "../plot.js";
 import { before } from "./answer.js";
@@ -34,8 +34,8 @@ export async function view(main, { session, asked }) {
   const drawn = el("div", { class: "drawn" });
   const choice = (id, title, options, changed, value = "") => el("div", {}, el("label", { htmlFor: id }, title),
     el("select", { id, onchange: changed }, options.map(([v, t]) => el("option", { value: v, selected: v === value }, t))));
-  const which = choice("figure", "Figure", FIGURES, () => draw(), asked.figure);
-  const plane = choice("plane", "Forces", PLANES, () => { draw(); tell(); });
+  const which = choice("figure", "Figure", FIGURES, () => { keep({ figure: value(which) }); draw(); }, asked.figure);
+  const plane = choice("plane", "Forces", PLANES, () => { keep({ plane: value(plane) }); draw(); tell(); }, asked.plane);
   const by = choice("by", "by", SUMMARIES, () => tell());
   const value = (node) => node.querySelector("select").value;
   const chosen = await models(session, model, (name) => { model = name; load(); }, away.signal);
@@ -106,8 +106,8 @@ export async function view(main, { session, asked }) {
   function choices() {
     fill(filters, FILTERS.map(([name, title, of]) => {
       const values = [...new Set(cases.map(of))].filter(Boolean).sort();
-      return choice(`only-${name}`, title, [["", "all"], ...values.map((v) => [v, words(v)])], (e) => { only[name] = e.target.value; list(); draw(); }, only[name]);
-    }), these ? el("p", { class: "chip" }, `the ${these.length} load cases of that point or cell `, el("button", { class: "small", onclick: () => { these = null; choices(); list(); } }, "Show all")) : null);
+      return choice(`only-${name}`, title, [["", "all"], ...values.map((v) => [v, words(v)])], (e) => { only[name] = e.target.value; keep({ [name]: only[name] }); list(); draw(); }, only[name]);
+    }), these ? el("p", { class: "chip" }, `the ${these.length} load cases of that point or cell `, el("button", { class: "small", onclick: () => { these = null; keep({ cases: "" }); choices(); list(); } }, "Show all")) : null);
   }
 
   function list() {
@@ -128,6 +128,7 @@ export async function view(main, { session, asked }) {
 
   function show(id, lead) {
     picked = id;
+    keep({ case: id });
     list();
     one.show(id);
     if (lead) {
@@ -142,6 +143,7 @@ export async function view(main, { session, asked }) {
     const query = { session, model, plane: value(plane), ...only, role: only.role || "all" };
     figure(drawn, `comparison/${value(which)}`, query, { signal: away.signal, picked: (found) => {
       these = found.length > 1 ? found : null;
+      keep({ cases: these?.join(",") });
       choices();
       list();
       if (found.length === 1) show(found[0], true);

@@ -1,6 +1,6 @@
 // Forces inside the finger: what muscles and joints must have borne, by the measured tip forces, beside what really hung.
 import { at, get } from "../api.js";
-import { el, fill, panel, problem, quiet, table } from "../dom.js";
+import { el, fill, keep, panel, problem, quiet, table } from "../dom.js";
 import { masses, number, within, words } from "../format.js";
 import { figuresOf, theme } from "../plot.js";
 import { models } from "./models.js";
@@ -13,7 +13,7 @@ export async function view(main, { session, asked }) {
   const place = el("div", { "aria-live": "polite" });
   let model = asked.model || null;
   let turn = 0;
-  const closure = el("select", { id: "closure", onchange: () => load() }, CLOSURES.map(([v, t]) => el("option", { value: v, selected: v === asked.closure }, t)));
+  const closure = el("select", { id: "closure", onchange: () => { keep({ closure: closure.value }); load(); } }, CLOSURES.map(([v, t]) => el("option", { value: v, selected: v === asked.closure }, t)));
   const chosen = await models(session, model, (name) => { model = name; load(); }, away.signal);
   fill(main, el("h1", {}, `${session}: forces inside the finger`),
     panel(null, quiet("From the force and moment read at the tip back to the muscles and joints. More tendons than equations: an assumption settles which of them pulls. What really hung stands beside it, so the assumption can be judged."),

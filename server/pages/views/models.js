@@ -1,10 +1,14 @@
 // Choosing a model: the session's own finger, the revision in force, or any other.
 import { at, get } from "../api.js";
-import { el, fill } from "../dom.js";
+import { el, fill, keep } from "../dom.js";
 import { refitName } from "../format.js";
 
 export async function models(session, now, changed, signal, { id = "model", title = "Model" } = {}) {
-  const select = el("select", { id, onchange: () => changed(select.value || null) });
+  const select = el("select", { id, onchange: chosen });
+  function chosen() {
+    keep({ model: select.value });
+    changed(select.value || null);
+  }
   async function refresh() {
     const [fingers, revisions] = await Promise.all([get("/fingers", {}, signal), get(`${at("sessions", session)}/revisions`, { limit: 500 }, signal)])
       .catch(() => [{ fingers: [] }, { revisions: [] }]);

@@ -20,9 +20,11 @@ def done_job(parts: Services, job: str, kinds: Collection[str], wanted: str) -> 
     """
     found = parts.jobs.get(job)
     if found.kind not in kinds:
-        raise ProblemError(409, f"job {job} is a {found.kind}", wanted)
+        raise ProblemError(409, f"job {job} is a {found.kind}", wanted, "Name such a job, as GET /api/v1/jobs lists it")
     if found.state != "done" or found.result is None:
-        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+        raise ProblemError(
+            409, f"job {job} is {found.state}", "a job that is done", "Wait until it is, or begin another"
+        )
     return found, found.result
 
 

@@ -62,7 +62,12 @@ class Sent:
             ProblemError: its SHA-256 differs, or it has no epoch.
         """
         if not _NAME.fullmatch(self.epoch):
-            raise ProblemError(422, f"epoch {shortened(self.epoch)!r}", "the X-Fingertwin-Epoch of the journal")
+            raise ProblemError(
+                422,
+                f"epoch {shortened(self.epoch)!r}",
+                "the X-Fingertwin-Epoch of the journal",
+                "Send the epoch that the journal states",
+            )
         if digest_of(self.body) != self.sha256:
             raise ProblemError(
                 422, "the body is not what its SHA-256 says", "X-Fingertwin-SHA256 of these very bytes", "Send it again"
@@ -102,7 +107,9 @@ class Ingest:
             ProblemError: 404 no such session, 409 it is described otherwise, 422 no JSON object.
         """
         if not _NAME.fullmatch(stream):
-            raise ProblemError(422, f"stream {shortened(stream)!r}", "letters, digits, and . _ : -, at most 100")
+            raise ProblemError(
+                422, f"stream {shortened(stream)!r}", "letters, digits, and . _ : -, at most 100", "Rename the stream"
+            )
         description = canonical_object(body, "a stream's description")
         digest = digest_of(description.encode())
         with self._database.writing() as connection:
@@ -157,9 +164,16 @@ class Ingest:
             raise ProblemError(422, error.found, error.expected, "Send what was read") from error
         if (chunk.first_seq, len(chunk)) != (first_seq, count):
             found = f"{len(chunk)} samples from {chunk.first_seq} on"
-            raise ProblemError(422, found, f"{count} from {first_seq} on, as its address and header say")
+            raise ProblemError(
+                422,
+                found,
+                f"{count} from {first_seq} on, as its address and header say",
+                "Send the chunk with its own address and header",
+            )
         if len(chunk) > MOST_SAMPLES or chunk.next_seq >= _MOST_COUNT:
-            raise ProblemError(422, f"{len(chunk)} samples to number {chunk.next_seq}", f"at most {MOST_SAMPLES}")
+            raise ProblemError(
+                422, f"{len(chunk)} samples to number {chunk.next_seq}", f"at most {MOST_SAMPLES}", "Begin a new stream"
+            )
         _require_rising(chunk)
         answer, fresh = self._database.together(
             lambda connection: _keep(connection, session, stream, chunk, sent, hidden)
@@ -192,7 +206,12 @@ class Ingest:
         sent.require_sound()
         event = event_of(sent.body)
         if number >= _MOST_COUNT or sent.epoch != epoch:
-            raise ProblemError(422, f"event {number} of epoch {shortened(sent.epoch)}", f"one of epoch {epoch}")
+            raise ProblemError(
+                422,
+                f"event {number} of epoch {shortened(sent.epoch)}",
+                f"one of epoch {epoch}",
+                "Send the events of each epoch by themselves",
+            )
         with self._messages.writing() as telling:
             connection = telling.connection
             _require_session(connection, session)
@@ -225,6 +244,7 @@ def _keep(
             409,
             f"other samples are stored from {over[0][0]} on",
             "samples that are not there yet, or the very same chunk",
+            "Send to a new session, or compare the journal with what the service holds",
             stored=[{"first_seq": f, "count": n, "sha256": s} for f, n, s in over],
         )
     if fresh:
@@ -284,7 +304,7 @@ def _overlapping(connection: Connection, session: str, stream: str, chunk: Chunk
 
 def _require_rising(chunk: Chunk) -> None:
     if not np.isfinite(chunk.t_s).all():
-        raise ProblemError(422, "a time that is no number", "times in s")
+        raise ProblemError(422, "a time that is no number", "times in s", "Send finite numbers")
     unsound = np.argwhere(~(np.abs(chunk.wrench) <= LARGEST))
     if len(unsound):
         row, axis = unsound[0]

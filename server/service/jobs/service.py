@@ -169,7 +169,12 @@ class JobService:
                 telling.record("job cancelled", job.session, {"job": name})
             return self.wait(name, _CANCEL_S)
         job = self.get(name)
-        raise ProblemError(409, f"job {name} is {job.state}", "one that is queued or running")
+        raise ProblemError(
+            409,
+            f"job {name} is {job.state}",
+            "one that is queued or running",
+            "Nothing is left to cancel; begin a new job where it is needed",
+        )
 
     def wait(self, name: str, timeout_s: float | None = None) -> Job:
         """Wait until a job is finished; after a time return it as it stands."""

@@ -55,9 +55,16 @@ class OwnEffects:
                 if row.name == effect.name:
                     if row.document == kept:
                         return shown, False
-                    raise ProblemError(409, f"effect {effect.name} is there, and differs", "another name")
+                    raise ProblemError(
+                        409,
+                        f"effect {effect.name} is there, and differs",
+                        "another name",
+                        "Rename the effect; what models hold of it stays as it is",
+                    )
             if len(rows) >= _MOST_EFFECTS:
-                raise ProblemError(409, f"{len(rows)} effects", f"at most {_MOST_EFFECTS}")
+                raise ProblemError(
+                    409, f"{len(rows)} effects", f"at most {_MOST_EFFECTS}", "Delete one that is not used"
+                )
             values = {"name": effect.name, "created_utc": now_utc(), "document": kept}
             connection.execute(insert(own_effects).values(values))
             record(connection, "effect kept", None, {"name": values["name"], "document": values["document"]})
@@ -135,13 +142,21 @@ def made(document: Mapping[str, Any]) -> Effect:
     if set(document) == {"formula"}:
         text = document["formula"]
         if text is None:
-            raise ProblemError(422, "neither a formula nor a document", "one of the two")
+            raise ProblemError(422, "neither a formula nor a document", "one of the two", "Send formula or effect")
         if not isinstance(text, str) or len(text) > 2000:
-            raise ProblemError(422, f"formula {shortened(text)!r}", "a text such as torque[PIP] += k * t_EDC")
+            raise ProblemError(
+                422,
+                f"formula {shortened(text)!r}",
+                "a text such as torque[PIP] += k * t_EDC",
+                "Write a stage, its joint or tendon, and what is added there",
+            )
         effect: Effect = formula_of(text)
         return effect
     if document.get("format") != "fingertwin-effect/1":
         raise ProblemError(
-            422, f"an effect of format {shortened(document.get('format'))!r}", "fingertwin-effect/1, or {formula}"
+            422,
+            f"an effect of format {shortened(document.get('format'))!r}",
+            "fingertwin-effect/1, or {formula}",
+            "Set format to fingertwin-effect/1",
         )
     return effect_from_dict(dict(document), "the effect")

@@ -200,7 +200,7 @@ def revisions(
     parts = of(request)
     _require(name, _LISTED["revisions"]["figures"])
     if (revision is None) == (specimen is None):
-        raise ProblemError(422, "not one of revision and specimen", "one of the two")
+        raise ProblemError(422, "not one of revision and specimen", "one of the two", "Add ?revision= or ?specimen=")
     if revision is None:
         revision = parts.revisions.in_force(specimen or "")
         if revision is None:

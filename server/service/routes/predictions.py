@@ -72,13 +72,18 @@ def friction(
 ) -> JsonAnswer:
     """Find the friction factor by force balance (Synek et al. 2019, Eq 1): per case, specimen and pooled."""
     if len(set(session)) < len(session):
-        raise ProblemError(422, "a session twice", "each session once")
+        raise ProblemError(422, "a session twice", "each session once", "Name it once")
     parts = of(request)
     found, warned = [], []
     for name in session:
         measured = parts.measuring.of(name)
         if not measured.record.closed:
-            raise ProblemError(409, f"session {name} is still running", "a session that its bench has closed")
+            raise ProblemError(
+                409,
+                f"session {name} is still running",
+                "a session that its bench has closed",
+                "Close it at the bench first",
+            )
         found.append(measured.require())
         warned.append((name, measured.findings))
     body = balance(found).as_dict() | {"warnings": warnings_by_session(warned)}

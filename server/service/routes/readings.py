@@ -64,7 +64,12 @@ def readings(
     # A stream that begins changes no session that is known already.
     named = stream or parts.measuring.of(session).record.stream or parts.sessions.read(session).stream
     if named is None:
-        raise ProblemError(409, f"session {session} has no readings", "a session with a stream")
+        raise ProblemError(
+            409,
+            f"session {session} has no readings",
+            "a session with a stream",
+            "Send its readings first; forces that were typed in have none",
+        )
     found = parts.envelopes.window(session, named, from_s, to_s, points)
     head = {"schema": "fingertwin/readings/1", "session": session}
     return JsonAnswer(head | _shown(found, named))
@@ -82,9 +87,19 @@ def case_readings(
         raise not_found("case", case, f"/api/v1/sessions/{session}/cases")
     windows = {name: (float(found[name][0]), float(found[name][1])) for name in WINDOWS if found.get(name)}
     if not windows:
-        raise ProblemError(409, f"case {case} has a force and no windows", "a case with windows in readings")
+        raise ProblemError(
+            409,
+            f"case {case} has a force and no windows",
+            "a case with windows in readings",
+            "Its force was typed in: read it from the case itself",
+        )
     if record.stream is None:
-        raise ProblemError(409, f"session {session} has no readings", "a session with a stream")
+        raise ProblemError(
+            409,
+            f"session {session} has no readings",
+            "a session with a stream",
+            "Send its readings first; forces that were typed in have none",
+        )
     reduced = parts.windows.reduce(session, record.stream, {w: f"case {case}: {n}" for n, w in windows.items()})
     rows = []
     for name, window in windows.items():

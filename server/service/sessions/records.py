@@ -64,7 +64,9 @@ class Record:
             ProblemError: 409 nothing is known of the session yet.
         """
         if self.document is None:
-            raise ProblemError(409, f"session {self.id} has no record yet", "a document, or a bench's events")
+            raise ProblemError(
+                409, f"session {self.id} has no record yet", "a document, or a bench's events", "Send one of them first"
+            )
         return self.document
 
     @property

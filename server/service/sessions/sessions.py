@@ -69,7 +69,12 @@ class Sessions:
             row = connection.execute(select(sessions).where(sessions.c.id == name)).first()
             if row is not None:
                 if row.arriving:
-                    raise ProblemError(409, f"session {name} is being taken in", "the end of that, or another id")
+                    raise ProblemError(
+                        409,
+                        f"session {name} is being taken in",
+                        "the end of that, or another id",
+                        "Try again in a minute",
+                    )
                 alone = row.deleted_utc is None and read_record(connection, name).source == "none"
                 if kept is not None and alone and not arriving:
                     raise_version(connection, name, document=kept, specimen=kept["specimen"]["id"])
@@ -80,7 +85,12 @@ class Sessions:
                     what = "was deleted, and ids are not used twice" if row.deleted_utc else "is there, and differs"
                     # What a bench sent and what was purged have no document to tell the session by.
                     same = "" if row.document is None else "the same document, or "
-                    raise ProblemError(409, f"session {name} {what}", f"{same}another id")
+                    raise ProblemError(
+                        409,
+                        f"session {name} {what}",
+                        f"{same}another id",
+                        "Change the id in session.yaml",
+                    )
                 if row.deleted_utc is None:
                     return "there"
                 raise_version(connection, name, deleted_utc=None)
@@ -258,17 +268,22 @@ class Sessions:
             if undoes not in known:
                 raise not_found("edit", str(undoes), f"{where}/edits")
             if undoes in undone_edits(record.edits):
-                raise ProblemError(409, f"edit {undoes} is undone already", "one that is in force")
+                raise ProblemError(
+                    409, f"edit {undoes} is undone already", "one that is in force", "Look at the session's edits"
+                )
         elif kind == "case":
             if case in names:
                 raise ProblemError(409, f"case {case} is there already", "a new id", "A repeat is added, none replaced")
             if len(names) >= MOST_CASES:
-                raise ProblemError(409, f"{len(names)} cases", f"at most {MOST_CASES}")
+                raise ProblemError(409, f"{len(names)} cases", f"at most {MOST_CASES}", "Begin another session")
         elif case not in names:
             raise not_found("case", str(case), f"{where}/cases")
         if kind == "exclude" and record.source == "bench" and not record.closed:
             raise ProblemError(
-                409, f"session {record.id} is held by a bench", "an exclusion at the bench, before predictions are seen"
+                409,
+                f"session {record.id} is held by a bench",
+                "an exclusion at the bench, before predictions are seen",
+                "Exclude the case at the bench, or wait until the bench has closed the session",
             )
 
     def _require_within(self, before: Record, after: Record) -> None:
@@ -291,7 +306,12 @@ class Sessions:
         """Return a document that can be used, with nothing that would reach a file."""
         given = dict(document)
         if given.get("id") != name:
-            raise ProblemError(422, f"the document's id is {shortened(given.get('id'))!r}", repr(name))
+            raise ProblemError(
+                422,
+                f"the document's id is {shortened(given.get('id'))!r}",
+                repr(name),
+                "Send it to the session of its own id, or change the id",
+            )
         require_sizes(given)
         session, faults = parse_session(given, None)
         if session is None:
@@ -305,6 +325,7 @@ class Sessions:
                 422,
                 f"finger {shortened(session.finger)!r}",
                 f"one of {', '.join(sorted(self.fingers))}, or its document as {FINGER_DOCUMENT}",
+                "Add the finger's document, or name a finger of GET /api/v1/fingers",
             )
         return plain_document(session)
 

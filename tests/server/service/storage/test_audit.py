@@ -92,4 +92,5 @@ def test_the_command_line_keeps_a_trail_and_tells_where_one_was_changed(
     file.write_text(file.read_text(encoding="utf-8").replace("synek2019_H01-r1", "synek2019_H01-r2"), encoding="utf-8")
     answer = run("audit", "models")
     assert (answer.code, answer.out.splitlines()[0]) == (2, "error    entry 1 was changed")
+    assert "entry 1 was changed" in answer.err
     assert run("audit", tmp_path / "none").code == 2
