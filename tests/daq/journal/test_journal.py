@@ -355,20 +355,22 @@ def test_export_gives_readings_and_events(path: Path, ending: str) -> None:
 
 def test_commands_answer_in_text_and_json(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stream = written(path, 3)
-    assert commands.journal_check(path, None) == 0
+    commands.journal_check(path, None)
     assert "150 samples in 3 sound chunks" in capsys.readouterr().out
-    assert commands.journal_recover(path, path.with_name("whole.journal"), None) == 0
+    commands.journal_recover(path, path.with_name("whole.journal"), None)
     assert "3 chunks recovered; no losses\n" in capsys.readouterr().out
     altered(path, "DELETE FROM chunks WHERE id = 2")
-    assert commands.journal_check(path, "-") == 2
+    with pytest.raises(JournalError, match="damaged; 1 fault, the first: 50 samples from 50 on are missing"):
+        commands.journal_check(path, "-")
     answer = json.loads(capsys.readouterr().out)
     assert (answer["schema"], answer["ok"]) == ("fingertwin/journal-check/1", False)
     assert answer["faults"][0] == {
         "kind": "gap", "text": "50 samples from 50 on are missing", "stream": stream, "first_seq": 50, "n": 50,
     }  # fmt: skip
     out = path.with_name("out.journal")
-    assert commands.journal_recover(path, out, None) == 2
-    assert "2 chunks recovered; 1 loss: 50 readings are missing\n" in capsys.readouterr().out
+    with pytest.raises(JournalError, match="1 loss: 50 readings are missing"):
+        commands.journal_recover(path, out, None)
+    assert "2 chunks recovered; 1 loss\n" in capsys.readouterr().out
     commands.journal_export(out, path.with_name("run.csv"), None, "csv", "-")
     assert json.loads(capsys.readouterr().out)["samples"] == 100
 
