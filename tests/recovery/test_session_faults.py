@@ -140,6 +140,26 @@ def test_a_weight_that_weighs_another_amount_is_named_with_it(
     assert found["effects"] == []
 
 
+def test_a_piece_that_is_in_all_heavier_loads_is_named_with_what_it_weighs(tmp_path: Path) -> None:
+    draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    used = sorted(_weights(session))
+    lightest = used[len(used) // 2]
+    # As entered, too, it is in all heavier loads alone.
+    assert lightest - 0.1 * lightest > max(w for w in used if w < lightest)
+    less_g = 0.1 * lightest
+    _weighed(session, {weight: weight - less_g for weight in used if weight >= lightest})
+    found = diagnosed(tmp_path)
+    (fault,) = found["session_faults"]
+    said = re.fullmatch(
+        r"a piece that is in all loads of (\S+) g and more is off: (\S+) g weigh (\d+) g", fault["words"]
+    )
+    assert said
+    assert float(said[1]) == float(said[2]) == pytest.approx(lightest - less_g)
+    assert float(said[3]) == pytest.approx(lightest, rel=0.03)
+    assert found["effects"] == []
+
+
 def test_two_weights_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
     original, session = read_session(tmp_path), Recorded(tmp_path)

@@ -192,17 +192,11 @@ class _Search:
                 self._fit(explanation, both[explanation].host)
 
     def _fit_singles(self, offers: Mapping[Explanation, Offer]) -> None:
-        """Fit singles until the next one's promise would not do, however far promises have fallen short here.
-
-        A straight line from the base falls short where the model bends, or where an effect has a form of its own.
-        """
+        """Fit singles that promise to come near the leader, the most promising first."""
         for explanation in sorted(offers, key=lambda e: -offers[e].value):
-            short = max(0.0, *(fit.log_posterior - offers[e].value for e, fit in self.fits.items() if e in offers))
-            if not self._near(offers[explanation].value + short):
+            if not self._near(offers[explanation].value):
                 break
-            # One form of an effect may do where another does not, by as much.
-            forms = [fit.log_posterior for e, fit in self.fits.items() if e.names == explanation.names]
-            if explanation not in self.fits and self._near(max(forms, default=np.inf) + short):
+            if explanation not in self.fits:
                 self._fit(explanation, offers[explanation].host)
 
     def _offered(self, host: Optimum, explanations: Sequence[Explanation]) -> dict[Explanation, Offer]:

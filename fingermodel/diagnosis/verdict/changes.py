@@ -88,7 +88,10 @@ def _gains(session: Session) -> Iterator[Change]:
 
 
 def _weights(session: Session) -> Iterator[Change]:
-    """Each weight, on one tendon or all; all of one tendon, which friction cannot make more; two exchanged."""
+    """Each weight, on one tendon or all; a piece of all heavier loads; all of one tendon; two exchanged.
+
+    What is in all loads is a hanger, and friction cannot make all of one tendon more.
+    """
     muscles = session.model.finger.topology.muscles
     mass_g = np.array([[of_case.get(m, 0.0) for m in muscles] for of_case in session.observations.masses_g])
     used = np.unique(mass_g[mass_g > 0.0]).tolist()
@@ -100,6 +103,11 @@ def _weights(session: Session) -> Iterator[Change]:
         for m in on if len(on) > 1 else ():
             alone = here * (np.arange(len(muscles)) == m)
             yield Change("weight", words.format(f" on {muscles[m]}"), weight, AMOUNT, LEAST_AMOUNT, alone)
+    for weight in list(hangs)[1:-1]:
+        # Of a relative error of the piece, heavier loads have a smaller share.
+        here = np.divide(weight, mass_g, out=np.zeros_like(mass_g), where=mass_g >= weight)
+        words = f"a piece that is in all loads of {weight:g} g and more is off: {weight:g} g weigh {{:.0f}} g"
+        yield Change("weight", words, weight, AMOUNT, LEAST_AMOUNT, here)
     for m, muscle in enumerate(muscles):
         if len(np.unique(mass_g[mass_g[:, m] > 0.0, m])) > 1:
             here = (mass_g > 0.0) * (np.arange(len(muscles)) == m).astype(float)
