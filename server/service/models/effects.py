@@ -62,9 +62,7 @@ class OwnEffects:
                         "Rename the effect; what models hold of it stays as it is",
                     )
             if len(rows) >= _MOST_EFFECTS:
-                raise ProblemError(
-                    409, f"{len(rows)} effects", f"at most {_MOST_EFFECTS}", "Delete one that is not used"
-                )
+                raise ProblemError(409, f"{len(rows)} effects", f"at most {_MOST_EFFECTS}", "Use one that is there")
             values = {"name": effect.name, "created_utc": now_utc(), "document": kept}
             connection.execute(insert(own_effects).values(values))
             record(connection, "effect kept", None, {"name": values["name"], "document": values["document"]})

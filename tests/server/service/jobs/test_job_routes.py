@@ -48,7 +48,9 @@ def test_jobs_are_read_listed_and_cancelled(running: Running, client: TestClient
         assert client.post(f"/jobs/{job.id}/cancel").json()["state"] == "cancelled"
     refused = client.post(f"/jobs/{held.id}/cancel")
     assert refused.status_code == 409
-    assert refused.json()["detail"] == f"job {held.id} is cancelled; expected one that is queued or running."
+    told = refused.json()
+    assert (told["found"], told["expected"]) == (f"job {held.id} is cancelled", "one that is queued or running")
+    assert told["remedy"]
 
 
 def test_what_is_not_there_or_makes_no_sense_is_refused(client: TestClient) -> None:
