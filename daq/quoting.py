@@ -1,4 +1,4 @@
-"""Arguments of commands as a person types them into a shell."""
+"""Pieces of sentences: arguments of commands as a person types them into a shell, and counted nouns."""
 
 from __future__ import annotations
 
@@ -21,3 +21,9 @@ def quoted(argument: object) -> str:
         return shlex.quote(text)
     # The shells of Linux, macOS and Windows all know double quotes.
     return f'"{text}"'
+
+
+def counted(count: int, noun: str) -> str:
+    """Write `1 case` or `2 cases`, `1 loss` or `2 losses`."""
+    plural = "es" if noun.endswith("s") else "s"
+    return f"{count} {noun}{'' if count == 1 else plural}"

@@ -72,7 +72,7 @@ def log(
     options = LogOptions(
         driver, port, baud, settings, out, seconds, given, protocol, setup, model, to, session, resume, copy_to
     )
-    log_cell(options, json)
+    log_cell(options, json).require_taken()
 
 
 @app.command(rich_help_panel=BENCH)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from daq.cells import CellSpec, at_limit
 from daq.findings import Finding, finding
+from daq.quoting import counted
 from daq.recordings.gaps import GAP_INTERVALS, Gap, GapFinder
 from daq.recordings.readings import HEADERS, ReadingBlock
 
@@ -133,10 +134,6 @@ class RecordingScan:
         }
 
 
-def _count(readings: int) -> str:
-    return "1 reading" if readings == 1 else f"{readings} readings"
-
-
 def unknown_range() -> Finding:
     """Return the note on a cell whose range is not known."""
     return finding(
@@ -172,7 +169,8 @@ def recording_findings(
                 "warning" if apart else "error",
                 "saturation",
                 f"{file}: {AXES[k]}",
-                f"{_count(int(scan.saturated[k]))} at or beyond full scale ({spec.range[k]:g} {unit}, {spec.name}), "
+                f"{counted(int(scan.saturated[k]), 'reading')} at or beyond full scale "
+                f"({spec.range[k]:g} {unit}, {spec.name}), "
                 f"the first at {scan.saturated_s:.6g} s" + (", none of them in a window" if apart else ""),
                 "readings inside the cell's range",
                 "Compare known weights before and after: an overload can damage the cell"

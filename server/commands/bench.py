@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from daq.checks import measure_and_check
 from daq.errors import InputError
 from daq.findings import warning_line, warnings_by_session
+from daq.quoting import counted
 from daq.sessions import read_session, require_once
 from daq.signals.friction import friction
 from server.application.checking import check_whole
@@ -29,16 +30,14 @@ def check_session(session: str, json: str | None) -> None:
     if not answer("check", {k: v for k, v in body.items() if k != "schema"}, json):
         _say_findings(session, report)
     if not report.ok:
-        errors = len(report.errors)
-        raise InputError(
-            f"{session}: not usable; {errors} error{'s' * (errors != 1)}, the first: {report.errors[0].line}"
-        )
+        errors = counted(len(report.errors), "error")
+        raise InputError(f"{session}: not usable; {errors}, the first: {report.errors[0].line}")
 
 
 def _say_findings(session: str, report: CheckReport) -> None:
     counts = {level: sum(f.level == level for f in report.findings) for level in ("error", "warning", "note")}
     verdict = "usable" if report.ok else "not usable"
-    say(f"{session}: {verdict}; " + ", ".join(f"{n} {level}{'s' * (n != 1)}" for level, n in counts.items()))
+    say(f"{session}: {verdict}; " + ", ".join(counted(n, level) for level, n in counts.items()))
     for finding in report.findings:
         say(f"{finding.level:8} {finding.line}")
 

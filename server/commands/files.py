@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from daq.quoting import quoted
+from daq.quoting import counted, quoted
 from fingermodel.parameters import with_unit
 from server.application.exchange import ENDINGS as FINGER_FORMATS
 from server.application.exported_files import export_file
@@ -13,7 +13,6 @@ from server.application.simulating import simulate_session_at
 from server.commands.console import answer, progress, say
 from server.commands.entries import numbers
 from server.commands.exchange import export_finger
-from server.figures.comparison_words import counted
 
 
 def export_source(source: str, file_format: str, out: Path | None, model: str | None, json: str | None) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from daq.quoting import quoted
+from daq.quoting import counted, quoted
 from daq.uplink.live_tail import LiveTail
 from daq.uplink.thread import Uplink, UplinkStatus
 
@@ -27,49 +27,50 @@ TOKEN = "FINGERTWIN_TOKEN"  # noqa: S105 - the name of the variable that holds i
 class Delivery:
     """How forwarding ended."""
 
+    to: str | None  # address of the service; None where nothing is sent
+    journal: Path | None = None  # that was sent
     whole: bool = True  # everything is there
     refused: int = 0  # chunks that the service did not take
 
-    def require_taken(self, to: str | None, journal: Path) -> None:
+    def require_taken(self) -> None:
         """Make sure that the service refused nothing; what waits is sent by the next log.
 
         Raises:
             InputError: it did; all is in the journal.
         """
-        if self.refused:
+        if self.refused and self.journal:
             raise InputError(
-                f"{to} refused {_chunks(self.refused)}",
+                f"{self.to} refused {counted(self.refused, 'chunk')}",
                 "a service that takes them",
-                f"They stay in {journal}; fingertwin journal requeue {quoted(journal)} has them sent again",
+                f"They stay in {self.journal}; fingertwin journal requeue {quoted(self.journal)} has them sent again",
             )
 
 
 @contextmanager
 def forwarding(
-    to: str | None,
+    delivery: Delivery,
     session: str,
     journal: Journal,
     stream: str,
     acquisition: Acquisition,
     said: Callable[[str], None],
     document: Mapping[str, Any] | None = None,
-    delivery: Delivery | None = None,
 ) -> Iterator[LiveTail | None]:
     """Send a journal to a service while the block runs, and yield its live path; without an address, nothing.
 
     Args:
-        to: address of the service.
+        delivery: has the address of the service, and is told how it went.
         session: there.
         journal: that is written.
         stream: of the acquisition.
         acquisition: whose samples are shown live.
         said: takes a line about how it went.
         document: of the session, where it is known beforehand; else the journal's events are its record.
-        delivery: is told how it went.
 
     Raises:
         InputError: the address is none.
     """
+    to = delivery.to
     if to is None:
         yield None
         return
@@ -88,18 +89,14 @@ def forwarding(
         status = uplink.status()
         uplink.stop()
         said(_worded(to, status, whole))
-        if delivery is not None:
-            delivery.refused, delivery.whole = status.quarantined, whole and not status.quarantined
-
-
-def _chunks(count: int) -> str:
-    return f"{count} chunk{'s' * (count != 1)}"
+        delivery.journal, delivery.refused = journal.path, status.quarantined
+        delivery.whole = whole and not status.quarantined
 
 
 def _worded(to: str, status: UplinkStatus, whole: bool) -> str:
     if whole and not status.quarantined:
-        return f"All is at {to} ({_chunks(status.sent)})."
+        return f"All is at {to} ({counted(status.sent, 'chunk')})."
     aside = [] if whole else ["the rest waits in the journal"]
-    aside += [f"{_chunks(status.quarantined)} refused and kept in the journal"] if status.quarantined else []
+    aside += [f"{counted(status.quarantined, 'chunk')} refused and kept in the journal"] if status.quarantined else []
     why = f" ({status.problem})" if status.problem else ""
-    return f"Not all is at {to}{why}: {_chunks(status.sent)} sent, {', '.join(aside)}."
+    return f"Not all is at {to}{why}: {counted(status.sent, 'chunk')} sent, {', '.join(aside)}."

@@ -10,7 +10,7 @@ from daq.errors import InputError, JournalError
 from daq.journal.check import Report, check, recover
 from daq.journal.export import export
 from daq.journal.writer import Journal
-from daq.quoting import quoted
+from daq.quoting import counted, quoted
 from server.commands.console import answer, progress, say
 
 
@@ -27,7 +27,7 @@ def journal_check(path: Path, json: str | None) -> None:
         if not report.faults:
             say(f"{path}: sound")
     if report.faults:
-        first = f"{path}: damaged; {_many(len(report.faults), 'fault')}, the first: {report.faults[0].text}"
+        first = f"{path}: damaged; {counted(len(report.faults), 'fault')}, the first: {report.faults[0].text}"
         raise JournalError(first, "", f"fingertwin journal recover {quoted(path)} --out NEW keeps what is sound")
 
 
@@ -40,13 +40,14 @@ def journal_recover(path: Path, out: Path, json: str | None) -> None:
     with progress("Reading and writing"):
         report = recover(path, out)
     lost = len(report.losses)
+    losses = counted(lost, "loss") if lost else "no losses"
     body: dict[str, Any] = {"journal": str(path), "out": str(out), "lost": lost, **asdict(report)}
     if not answer("journal-recover", body, json):
         _say_report(report)
-        say(f"{out}: {_many(sum(report.chunks.values()), 'chunk')} recovered; {_many(lost, 'loss')}")
+        say(f"{out}: {counted(sum(report.chunks.values()), 'chunk')} recovered; {losses}")
     if lost:
         missing = f": {report.missing}" if report.missing else ""
-        raise JournalError(f"{path}: {_many(lost, 'loss')}{missing}", "", f"{out} has all that is sound")
+        raise JournalError(f"{path}: {losses}{missing}", "", f"{out} has all that is sound")
 
 
 def journal_export(path: Path, out: Path | None, stream: str | None, file_format: str, json: str | None) -> None:
@@ -76,10 +77,6 @@ def journal_requeue(path: Path, json: str | None) -> None:
         say(f"{path}: {next_log if count else 'nothing was set aside'}")
     if journal.lost is not None:
         raise journal.lost
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count or 'no'} {what}{('es' if what.endswith('s') else 's') * (count != 1)}"
 
 
 def _say_report(report: Report) -> None:

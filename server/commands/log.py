@@ -70,8 +70,8 @@ def list_drivers(json: str | None) -> None:
 
 
 @privately
-def log_cell(options: LogOptions, json: str | None, command: str = "log") -> bool:
-    """Log until the end is asked for, the time is over, or the recording is; return whether all is where it was sent.
+def log_cell(options: LogOptions, json: str | None, command: str = "log") -> Delivery:
+    """Log until the end is asked for, the time is over, or the recording is; return what became of what was sent.
 
     Args:
         options: of the log.
@@ -96,15 +96,14 @@ def log_cell(options: LogOptions, json: str | None, command: str = "log") -> boo
     acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
     with copied_at_end(options.copy_to, quiet=json == "-") as closed:
         if options.protocol is not None or options.setup is not None or options.resume:
-            log_bench(options, cell, acquisition, closed, json)
-            return True
+            return log_bench(options, cell, acquisition, closed, json)
         return _log_alone(options, options.out, acquisition, closed, json, command)
 
 
 def _log_alone(
     options: LogOptions, out: Path, acquisition: Acquisition, closed: Closed, json: str | None, command: str
-) -> bool:
-    """Log readings without a protocol, and answer as a command; return whether all is where it was sent."""
+) -> Delivery:
+    """Log readings without a protocol, and answer as a command; return what became of what was sent."""
     cell = acquisition.cell
     about = about_cell(cell, options.cell)
     if cell.link in ("serial", "udp") and not {"serial", "calibration"} <= set(about):
@@ -113,16 +112,9 @@ def _log_alone(
             "--serial and --calibration, as on its certificate: readings without them cannot be checked or published",
         )
     with acquiring(acquisition, out, options.seconds, closed) as journal:
-        logging, delivery = Logging(journal, cell, about, quiet=json == "-"), Delivery()
+        logging, delivery = Logging(journal, cell, about, quiet=json == "-"), Delivery(options.to)
         with forwarding(
-            options.to,
-            options.session_name,
-            journal,
-            logging.stream,
-            acquisition,
-            logging.say,
-            options.document,
-            delivery,
+            delivery, options.session_name, journal, logging.stream, acquisition, logging.say, options.document
         ):
             told = logging.run(acquisition)
     # A journal that only passes through lies elsewhere, or nowhere, once this has ended.
@@ -133,9 +125,7 @@ def _log_alone(
             where = f"{options.to} as session {options.session_name}" if delivery.whole else "not all sent"
         say(f"{told['samples']} readings in {told['seconds']:.1f} s: {where}")
     logging.require_readings(cell)
-    if command == "log":
-        delivery.require_taken(options.to, journal.path)
-    return delivery.whole
+    return delivery
 
 
 def _cell(options: LogOptions) -> LoadCell:
@@ -306,7 +296,7 @@ def replay_session(
         # What goes to a service needs no folder of its own.
         target = out or (_free_folder(name) if to is None else Path(folder) / "replay")
         options = LogOptions("replay", port, None, settings, target, None, to=to, session=name, document=document)
-        if log_cell(replace(options, passing=out is None and to is not None), json, "replay"):
+        if log_cell(replace(options, passing=out is None and to is not None), json, "replay").whole:
             return
         kept = target if out is not None else _kept(target, name)
         raise InputError(

@@ -14,7 +14,7 @@ from daq.bench.run import BenchRun
 from daq.errors import InputError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
-from daq.quoting import quoted
+from daq.quoting import counted, quoted
 from daq.sessions import JOURNAL_FILE, own_finger, read_yaml
 from daq.sessions.protocols import read_protocol
 from server.application.bench_prediction import predictor
@@ -49,12 +49,13 @@ KNOWN = (
 )
 
 
-def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, closed: Closed, json: str | None) -> None:
-    """Follow a protocol, and write the session that comes of it; also from where one broke off.
+def log_bench(
+    options: LogOptions, cell: LoadCell, acquisition: Acquisition, closed: Closed, json: str | None
+) -> Delivery:
+    """Follow a protocol, and write the session that comes of it, also from where one broke off; return what was sent.
 
     Raises:
-        InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed; or,
-            once the session is written, a service refused some of its readings.
+        InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed.
         KeyboardInterrupt: it broke off before the session was closed; nothing is written, so that it can go on.
     """
     setup, out = bench_setup(options, cell), options.out
@@ -65,7 +66,7 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
         raise SessionError(found, "a new folder for each session", "Choose another --out")
     setup.require_sound()
     about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
-    before, delivery = _broken_off(out, options.resume), Delivery()
+    before, delivery = _broken_off(out, options.resume), Delivery(options.to)
     if before is not None:
         cell.go_on(before.stream.settings)
         told = {"driver": cell.name, "settings": dict(cell.values), "cell": about, "clock": cell.clock}
@@ -79,10 +80,10 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
         stream, session, left = _follow(options, setup, acquisition, closed, about, before, delivery, by_keys=by_keys)
     body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
-        where, count = quoted(out), len(session.cases)
-        done = f"{count} load case{'s' * (count != 1)}{left}"
+        where = quoted(out)
+        done = f"{counted(len(session.cases), 'load case')}{left}"
         say(f"{done}: {out}   (fingertwin check {where}, fingertwin compare {where})")
-    delivery.require_taken(options.to, out / JOURNAL_FILE)
+    return delivery
 
 
 def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
@@ -146,9 +147,7 @@ def _follow(
             journal.event(Event("reconnected", from_s, {"away_s": round(from_s - before.last_s, 3)}, stream))
         meter = StreamMeter(run.full_scale)
         try:
-            with forwarding(
-                options.to, options.session_name, journal, stream, acquisition, say, delivery=delivery
-            ) as tail:
+            with forwarding(delivery, options.session_name, journal, stream, acquisition, say) as tail:
                 remote = None if tail is None else Remote(tail, run)
                 _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
         except KeyboardInterrupt:

@@ -9,7 +9,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.files import read_text
-from daq.quoting import quoted
+from daq.quoting import counted, quoted
 from daq.sessions.protocols import Protocol, protocol_names, read_protocol
 from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.fingers.finger import Finger
@@ -29,7 +29,6 @@ from server.application.new_session import lacking, notes_of
 from server.commands.console import answer, at_terminal, progress, say
 from server.commands.questions import ask, ask_finger, ask_postures, lines, number, postures_of
 from server.commands.scaling import measures
-from server.figures.comparison_words import counted
 
 
 @dataclass(frozen=True)

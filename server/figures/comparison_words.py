@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.quoting import counted
 from fingermodel.comparison.comparison import CaseComparison, Comparison, ErrorSummary
 from fingermodel.fingers import Plane
 from server.figures.compared import Compared
@@ -46,11 +47,6 @@ def sentences(compared: Compared) -> list[str]:
     if comparison.noise_assumed:
         out.append("Some cases state no uncertainty of their own; the budget's stands in for it.")
     return out
-
-
-def counted(count: int, noun: str) -> str:
-    """Write `1 case` or `2 cases`."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def error_tables(compared: Compared) -> list[Table]:

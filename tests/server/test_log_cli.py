@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquisition.blocks import Chunk
 from daq.journal.reader import JournalReader
 from daq.journal.writer import Journal
 from daq.recordings.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
-from tests.contracts.ingest import SmallReceiver, serving
 from tests.daq.cal_files import nano17
 from tests.daq.journal_writer import made_chunk
 from tests.daq.lab_files import tdms
@@ -323,25 +321,6 @@ def test_a_bench_session_that_could_not_be_used_later_is_refused_now(
     assert not Path("out").exists()
 
 
-def test_a_replay_arrives_at_a_service_once_and_in_order(
-    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    receiver = SmallReceiver(recording.parent / "received.sqlite3")
-    session, out = receiver.new_session("monday-2"), recording.parent / "kept"
-    with serving(receiver.handle) as address:
-        arguments = ["replay", str(recording), "--to", address, "--session", session, "--out", str(out)]
-        code, text, err = run(capsys, monkeypatch, *arguments)
-    assert code == 0, err
-    assert f"All is at {address}" in text
-    with JournalReader.open(out / "journal.sqlite3") as journal:
-        [stream] = journal.streams()
-    chunks = [Chunk.from_bytes(payload) for payload in receiver.stored(session, stream.id)]
-    sent = np.concatenate([b.wrench for b in open_readings(recording).blocks()])
-    assert (np.concatenate([c.wrench for c in chunks]) == sent).all()
-    assert {"started", "ended"} <= {e["kind"] for e in receiver.events(session)}
-    receiver.close()
-
-
 def test_a_log_without_a_reading_fails_and_says_what_came_instead(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -360,47 +339,3 @@ def test_a_log_without_a_reading_fails_and_says_what_came_instead(
     code, text, _ = run(capsys, monkeypatch, "journal", "check", str(kept))
     assert code == 0
     assert "500 bytes that made no reading" in text
-
-
-def test_what_a_service_refused_is_put_back_and_sent_by_the_next_log(
-    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    receiver = SmallReceiver(recording.parent / "received.sqlite3")
-    session, out = receiver.new_session("monday-2"), recording.parent / "kept"
-    journal = str(out / "journal.sqlite3")
-    with serving(receiver.handle) as address:
-        arguments = ["replay", str(recording), "--to", address, "--session", session, "--out", str(out)]
-        receiver.most_bytes = 1
-        code, text, err = run(capsys, monkeypatch, *arguments)
-        assert (code, "not all of" in err) == (2, True)
-        assert f"Not all is at {address}: 0 chunks sent, 1 chunk refused and kept in the journal." in text
-        logged = ["log", "--driver", "replay", "--port", journal, "--set", "speed=0", "--to", address]
-        code, _, err = run(capsys, monkeypatch, *logged, "--session", session, "--out", str(out.with_name("logged")))
-        assert (code, err.count("\n"), f"{address} refused 1 chunk; " in err) == (2, 1, True)
-        code, text, _ = run(capsys, monkeypatch, "journal", "check", journal)
-        assert "0 chunks wait to be sent, 1 that the service refused are set aside" in text
-        code, text, _ = run(capsys, monkeypatch, "journal", "requeue", journal)
-        assert code == 0
-        assert f"{journal}: 1 chunk is to be sent again" in text
-        code, text, _ = run(capsys, monkeypatch, "journal", "requeue", journal, "--json", "-")
-        assert json.loads(text) == {"schema": "fingertwin/journal-requeue/1", "journal": journal, "chunks": 0}
-        receiver.most_bytes = 1 << 20
-        code, text, err = run(capsys, monkeypatch, *arguments)
-        assert code == 0, err
-    assert f"All is at {address} (2 chunks)" in text
-    receiver.close()
-
-
-def test_a_service_that_is_not_there_fails_in_one_line_and_loses_nothing(
-    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("server.commands.forwarding.FLUSH_S", 0.3)
-    out = recording.parent / "kept"
-    arguments = ["replay", str(recording), "--to", "http://127.0.0.1:9", "--out", str(out)]
-    code, text, err = run(capsys, monkeypatch, *arguments)
-    assert (code, err.count("\n")) == (2, 1)
-    assert f"The readings are in {out}" in err
-    assert "Not all is at http://127.0.0.1:9" in text
-    code, text, _ = run(capsys, monkeypatch, "journal", "check", str(out / "journal.sqlite3"))
-    assert code == 0
-    assert "wait to be sent" in text

@@ -43,8 +43,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     apart = d.standing_apart
     fails, fails_after = (
         where(d.session.problem, theta, apart)
-        | {"without": [d.session.observations.ids[case] for case in apart], "added": list(added)}
-        for theta, added in ((d.refitted.theta, ()), (d.theta_of(best), best.explanation.names))
+        | {"without": [d.session.observations.ids[case] for case in apart], "added": list(names)}
+        for theta, names in ((d.refitted.theta, ()), (d.theta_of(best), best.explanation.names))
     )
     return {
         "verdict": verdict.kind,

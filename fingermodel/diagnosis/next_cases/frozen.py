@@ -20,6 +20,7 @@ from scipy.special import chdtrc
 from daq.documents import unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
+from daq.quoting import counted
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.next_cases.next_cases import BOTH, Plan
 
@@ -162,7 +163,7 @@ def score(
         return Confirmation(None, f"nothing was frozen without {finding}", tuple(used))
     rival = max(without, key=lambda n: logs[n])
     ratio = logs[finding] - logs[rival]
-    cases = f"{len(used)} case{'s' * (len(used) != 1)} predicted on {document['frozen_utc']}"
+    cases = f"{counted(len(used), 'case')} predicted on {document['frozen_utc']}"
     if holds and ratio >= np.log(CLEAR_RATIO):
         text = f"{cases} came out as {finding} said, and not as {rival} said"
         return Confirmation(True, text, tuple(used))

@@ -158,8 +158,7 @@ def _found(
     explain = "explain" if len(names) > 1 else "explains"
     reasons = [
         f"{words(names)} {explain} the readings: misfit {before:.0f} falls to {after:.0f} for "
-        f"{len(fit.residual)} readings; it changes the forces by "
-        f"{fit.newton:.3f} N (RMS)."
+        f"{len(fit.residual)} readings; it changes the forces by {fit.newton:.3f} N (RMS)."
     ]
     alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
     if alike:

@@ -161,6 +161,8 @@ export async function view(main, { session, asked }) {
         await chosen.choose(model);
         picked = query.case || null;
         await load();
+        // Whoever has left meanwhile has another page's address.
+        if (away.signal.aborted) return;
       } else list();
       choices();
       if (query.case) show(query.case, true);

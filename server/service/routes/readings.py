@@ -64,12 +64,7 @@ def readings(
     # A stream that begins changes no session that is known already.
     named = stream or parts.measuring.of(session).record.stream or parts.sessions.read(session).stream
     if named is None:
-        raise ProblemError(
-            409,
-            f"session {session} has no readings",
-            "a session with a stream",
-            "Send its readings first; forces that were typed in have none",
-        )
+        raise _without_readings(session)
     found = parts.envelopes.window(session, named, from_s, to_s, points)
     head = {"schema": "fingertwin/readings/1", "session": session}
     return JsonAnswer(head | _shown(found, named))
@@ -94,12 +89,7 @@ def case_readings(
             "Its force was typed in: read it from the case itself",
         )
     if record.stream is None:
-        raise ProblemError(
-            409,
-            f"session {session} has no readings",
-            "a session with a stream",
-            "Send its readings first; forces that were typed in have none",
-        )
+        raise _without_readings(session)
     reduced = parts.windows.reduce(session, record.stream, {w: f"case {case}: {n}" for n, w in windows.items()})
     rows = []
     for name, window in windows.items():
@@ -189,3 +179,12 @@ def _plateau(plateau: Plateau) -> dict[str, Any]:
         "flagged": plateau.flagged,
         "steady": plateau.steady,
     }
+
+
+def _without_readings(session: str) -> ProblemError:
+    return ProblemError(
+        409,
+        f"session {session} has no readings",
+        "a session with a stream",
+        "Send its readings first; forces that were typed in have none",
+    )
