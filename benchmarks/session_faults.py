@@ -1,4 +1,4 @@
-"""How often a fault of the whole session is named: labels, side, signs, units, axes, gain, tare.
+"""How often a fault of the whole session is named: labels, mounts, side, signs, units, axes, gain, tare.
 
     python -m benchmarks.session_faults [--each 4] [--mistyped] [--seed-from COMMIT] [--out FILE]
 
@@ -15,6 +15,7 @@ import datetime as dt
 import json
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,11 @@ from tests.simulator import draw_session, draw_truth
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
+_OTHER_MOUNT = {"tip": "bone", "bone": "tip"}
 # Rows that are entered too high or too low: so many at least; fewer are cases that were exchanged.
 _LONG = 5
+# Cases of a posture and a mount that are entered alike: so many at least.
+_SEVERAL = 3
 # Forces [N] and moments [N mm] of the recording.
 COMPONENTS = HEADERS[1:]
 
@@ -116,6 +120,23 @@ def postures(session: Recorded, rng: Rng) -> None:
     other = {a: b, b: a}
     for case in session.document["cases"]:
         case["posture"] = other.get(case["posture"], case["posture"])
+
+
+def mount(session: Recorded, rng: Rng) -> None:
+    """Enter the other mount for the cases of one posture at one of them."""
+    fitted = [(c["posture"], c["location"]) for c in session.document["cases"] if c["role"] == "identification"]
+    # Of fewer it is a slip of each.
+    several = sorted(at for at, count in Counter(fitted).items() if count >= _SEVERAL)
+    posture, place = several[int(rng.integers(len(several)))]
+    for case in session.document["cases"]:
+        if (case["posture"], case["location"]) == (posture, place):
+            case["location"] = _OTHER_MOUNT[place]
+
+
+def mounts(session: Recorded, _: Rng) -> None:
+    """Enter each mount for the other throughout."""
+    for case in session.document["cases"]:
+        case["location"] = _OTHER_MOUNT[case["location"]]
 
 
 def side(session: Recorded, _: Rng) -> None:
@@ -272,6 +293,8 @@ FAULTS: dict[Fault, str] = {
     tendons_in_a_posture: "tendon_labels",
     tendons_from_a_change_on: "tendon_labels",
     postures: "posture",
+    mount: "mount",
+    mounts: "mount",
     side: "side",
     sign: "posture",
     sign_everywhere: "posture",

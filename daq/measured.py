@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +54,7 @@ class MeasuredCase:
         plateau: the reduced loaded window, in the cell's axes.
         has_torque: whether the torque was read.
         noise_stated: whether the covariance says anything: not for averaged forces without an uncertainty.
+        to_other_mount: (6, 6) makes of the wrench what it is if the cell was at the other mount.
     """
 
     case: LoadCase
@@ -65,6 +66,7 @@ class MeasuredCase:
     plateau: Plateau | None
     has_torque: bool
     noise_stated: bool
+    to_other_mount: Floats = field(default_factory=lambda: np.eye(6))
 
 
 @dataclass(frozen=True, eq=False)

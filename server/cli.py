@@ -63,6 +63,7 @@ def amend(
         typer.Option(metavar="TRUE=ENTERED", help="550=484 says that the weight entered as 484 g weighs 550 g."),
     ] = None,
     posture: Annotated[str | None, typer.Option(help="Name the posture that was really set.")] = None,
+    mount: Annotated[str | None, typer.Option(metavar="tip|bone", help="Say where the cell really was.")] = None,
     exchange: Annotated[
         str | None, typer.Option(metavar="CASE", help="Name another case that was entered in this one's place.")
     ] = None,
@@ -84,6 +85,7 @@ def amend(
         mass=mass or [],
         weight=weight or [],
         posture=posture,
+        location=mount,
         exchange=exchange,
         exclude=exclude,
         undo=undo,

@@ -17,7 +17,7 @@ from daq.errors import InputError, SessionError
 from daq.files import replacing
 from daq.sessions import AMENDMENTS_FILE, AMENDMENTS_FORMAT
 from daq.sessions.models import Amendment, LoadCase, Session
-from daq.vocabulary import TENDONS, did_you_mean
+from daq.vocabulary import LOCATIONS, TENDONS, did_you_mean
 
 # Relative difference within which two masses are one: each is written in decimals.
 _SAME_MASS = 1e-6
@@ -37,6 +37,7 @@ def amendments_of(
     masses_g: Mapping[str, float] | None = None,
     weights_g: Mapping[float, float] | None = None,
     posture: str | None = None,
+    location: str | None = None,
     exclude: bool = False,
     by: str | None = None,
 ) -> list[Amendment]:
@@ -50,6 +51,7 @@ def amendments_of(
         masses_g: what really hung [g], by tendon; 0 for nothing. Other tendons keep what was entered.
         weights_g: what a weight really weighs [g], by what was entered wherever it hung; two may be exchanged.
         posture: that was really set.
+        location: where the cell really was.
         exclude: whether to leave the cases out.
         by: who says so.
 
@@ -60,6 +62,7 @@ def amendments_of(
         raise SessionError("an amendment without a reason", "why, in some words")
     _expect_known([*(tendons or {}).values(), *(masses_g or {})], TENDONS, "tendon")
     _expect_known([posture] if posture is not None else [], session.postures_deg, "posture")
+    _expect_known([location] if location is not None else [], LOCATIONS, "mount")
     entries = [case_of(session.amended, case.id) for case in cases]
     _expect_hung(weights_g or {}, entries)
     at, out = datetime.now(UTC).isoformat(timespec="seconds"), []
@@ -76,6 +79,8 @@ def amendments_of(
             changes["masses_g"] = masses
         if posture is not None and posture != entry.posture:
             changes["posture"] = posture
+        if location is not None and location != entry.location:
+            changes["location"] = location
         if exclude and entry.excluded is None:
             changes["excluded"] = why
         if changes:
@@ -210,6 +215,8 @@ def words(amended: Amendment) -> str:
         parts.append(f"{hung or 'no weight'} hung")
     if amended.posture is not None:
         parts.append(f"the posture was {amended.posture}")
+    if amended.location is not None:
+        parts.append(f"the cell was at the {amended.location}")
     if amended.excluded is not None:
         parts.append("left out")
     return ", ".join(parts)

@@ -284,7 +284,7 @@ def _some(value: Any) -> Any:
 
 
 # Of a load case, what an amendment may set anew.
-AMENDABLE = ("masses_g", "posture", "excluded")
+AMENDABLE = ("masses_g", "posture", "location", "excluded")
 
 
 class Amendment(Strict):
@@ -294,6 +294,7 @@ class Amendment(Strict):
         case: its id.
         masses_g: what hung [g], instead of what was entered.
         posture: in which.
+        location: of the cell.
         excluded: why the case is left out.
         why: how it is known.
         at: when it was amended (ISO 8601).
@@ -303,6 +304,7 @@ class Amendment(Strict):
     case: Word
     masses_g: Masses | None = None
     posture: Word | None = None
+    location: Annotated[Location, one_of(*LOCATIONS)] | None = None
     excluded: Reason | None = None
     why: Reason
     at: Word

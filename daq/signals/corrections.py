@@ -87,6 +87,8 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
     # A force is left as it is: `MeasuredSession.require_forces` says so to whoever would fit it.
     dead_moments = dead & (np.arange(6) >= 3)
     unread = {mount: (transform.matrix != 0.0) @ dead_moments for mount, transform in transforms.items()}
+    tip, bone = (transforms[mount].matrix for mount in ("tip", "bone"))
+    to_other_mount = {"tip": bone @ np.linalg.inv(tip), "bone": tip @ np.linalg.inv(bone)}
     measured = []
     for row, case in enumerate(cases):
         if case.loaded_s is None or case.unloaded_s is None:
@@ -119,6 +121,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
                 plateau=plateau,
                 has_torque=not unread[case.location].any(),
                 noise_stated=True,
+                to_other_mount=to_other_mount[case.location],
             )
         )
     checks = tuple(_check(w, plateaus, transforms[w.mount], session) for w in session.checks)

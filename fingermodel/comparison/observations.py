@@ -38,6 +38,7 @@ class Observations:
         layout: settings and mountings.
         noise_assumed: whether any case states no uncertainty of its own, so that the budget's stands in.
         tared: (n, 6) what was taken from each reading as its tare [N, N mm].
+        to_other_mount: (n, 6, 6) makes of a reading what it is if the cell was at the other mount.
         session: id of the session.
     """
 
@@ -52,11 +53,14 @@ class Observations:
     layout: Layout
     noise_assumed: bool
     tared: Floats = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
+    to_other_mount: Floats = field(default_factory=lambda: np.zeros((0, 6, 6)), repr=False)
     session: str = ""
 
     def __post_init__(self) -> None:
         if not self.tared.size:
             object.__setattr__(self, "tared", np.zeros((len(self.ids), 6)))
+        if not self.to_other_mount.size:
+            object.__setattr__(self, "to_other_mount", np.tile(np.eye(6), (len(self.ids), 1, 1)))
 
     @property
     def posture_angles(self) -> dict[str, Floats]:
@@ -160,6 +164,7 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         layout=layout,
         noise_assumed=any(not m.noise_stated for m in measured.cases),
         tared=_tared(measured, n + k),
+        to_other_mount=np.array([m.to_other_mount for m in measured.cases] + [np.eye(6)] * k).reshape(-1, 6, 6),
         session=session.id,
     )
 

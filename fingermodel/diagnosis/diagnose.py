@@ -17,7 +17,7 @@ from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import BUDGET
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases, unlike_sound
+from fingermodel.diagnosis.search.bad_cases import BadCases, odds_of_taken, unlike_sound
 from fingermodel.diagnosis.search.beginning import Beginner
 from fingermodel.diagnosis.search.search import Searched, search, unsearched
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
@@ -29,6 +29,7 @@ from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.verdict.session_faults import (
+    PutRight,
     SessionFault,
     outdoes,
     put_right,
@@ -71,6 +72,8 @@ class Diagnosis:
     curves: tuple[SmoothCurve, ...]  # of moment arms, tensions and forces, where nothing fits; the most evident first
     nulls: tuple[Null, ...]  # what the readings say without any model of the tendons
     trend: Trend | None  # of what the verdict leaves, along time or load
+    # Cases more probably apart from the rest than not, by a slip or by noise: how probably, and what explains it.
+    standing_apart: dict[int, tuple[float, Explained | None]]
     unlike: tuple[int, ...]  # fitted cases that stand apart, and of which all those alike do: see `unlike_sound`
     seconds: float  # of the computation
     comparisons: dict[Explanation, Comparison] = field(repr=False)  # of every explanation that was fitted
@@ -99,17 +102,6 @@ class Diagnosis:
     def outliers(self) -> tuple[int, ...]:
         """Cases that stand apart and are no suspects: noise with a long tail explains them."""
         return tuple(sorted(self.standing_apart.keys() - self.suspects.keys() - set(self.unlike)))
-
-    @property
-    def standing_apart(self) -> dict[int, tuple[float, Explained | None]]:
-        """Cases that are more probably apart from the rest than not, by a slip or by noise."""
-        odds, slips = dict(self.searched.bad), dict(self.searched.slips)
-        checked = self.checks.get(self.posterior.leader.explanation)
-        # So many among the validation cases as slips can hardly be say that the prediction is wrong, not the cases.
-        if checked is not None and not checked.vetoes:
-            odds |= checked.bad
-            slips |= checked.slips
-        return {case: (p, slips.get(case)) for case, o in odds.items() if (p := float(expit(o))) >= 0.5}
 
     def comparison(self, fit: Optimum) -> Comparison:
         """Measured and predicted forces of a fit, cases that stand apart left out."""
@@ -184,23 +176,18 @@ def diagnose(
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()
-    beside = put_right_beside(candidates, posterior.leader) if posterior.leader.explanation.size else []
-    unsure = verdict.kind in ("none_of_catalogue", "undecided") or not explains_as_stated(fit)
-    after = put_right(candidates, begun.nothing, before) if unsure and not faulty else []
-    faults = tuple(
-        session_faults([*before, *beside, *after], posterior, checked, trend)
-        or unseen_faults(candidates, posterior, checked)
-    )
+    put = [*before, *(put_right_beside(candidates, posterior.leader) if posterior.leader.explanation.size else [])]
+    if not faulty and (verdict.kind in ("none_of_catalogue", "undecided") or not explains_as_stated(fit)):
+        put += put_right(candidates, begun.nothing, before)
+    of_all = session_faults(put, posterior, checked, trend)
+    faults = tuple([fault for fault, _ in of_all] or unseen_faults(candidates, posterior, checked))
+    right = of_all[0][1] if of_all else None
     if faults:
         # To be put right in the session: what would make up for it is no finding.
         in_doubt = "what is missing shows once that is corrected"
         verdict = Verdict("undecided", (), (), verdict.probability, (), (in_doubt,))
     elif verdict.kind in ("none_of_catalogue", "undecided"):
-        # Beside what is sure to act by its name: what is not would explain part of what is unknown.
-        sure = posterior.best_fit(sure_names(posterior)) or posterior.nothing
-        # What is missing counts as scatter where no effect may act; with all candidates free it does not.
-        node = (*searched.plain[:BUDGET], *sure.hyper.as_named(sure.best)[BUDGET:])
-        found, curves = hints(sure, node), own_curves(sure, node)
+        found, curves = _of_what_is_left(posterior, searched)
     if progress:
         progress(1.0)
     for kept in (*posterior.fits.values(), stated, refitted):
@@ -222,10 +209,37 @@ def diagnose(
         curves,
         nulls(model, observations),
         trend,
-        unlike,
+        _apart(searched, checked[posterior.leader.explanation], right),
+        unlike if right is None else (),
         time.perf_counter() - began,
         {e: compare(model, observations, (f if e.size else refitted).theta) for e, f in posterior.fits.items()},
     )
+
+
+def _of_what_is_left(posterior: Posterior, searched: Searched) -> tuple[tuple[Hint, ...], tuple[SmoothCurve, ...]]:
+    """Formulas and curves that would fit, beside what is sure to act by its name: what is not, would explain a part."""
+    sure = posterior.best_fit(sure_names(posterior)) or posterior.nothing
+    # What is missing counts as scatter where no effect may act; with all candidates free it does not.
+    node = (*searched.plain[:BUDGET], *sure.hyper.as_named(sure.best)[BUDGET:])
+    return hints(sure, node), own_curves(sure, node)
+
+
+def _apart(
+    searched: Searched, checked: PredictiveCheck, right: PutRight | None
+) -> dict[int, tuple[float, Explained | None]]:
+    """Cases more probably bad than not, validation cases among them; beside a fault of the session, if there is one.
+
+    What such a fault does to a case is no slip.
+    """
+    odds, slips = dict(searched.bad), dict(searched.slips)
+    if right is not None:
+        checked = right.predicted
+        odds, slips = odds_of_taken(right.fit.bad, [right.fit], right.fit)
+    # So many among the validation cases as slips can hardly be say that the prediction is wrong, not the cases.
+    if not checked.vetoes:
+        odds |= checked.bad
+        slips |= checked.slips
+    return {case: (p, slips.get(case)) for case, o in odds.items() if (p := float(expit(o))) >= 0.5}
 
 
 def added_by(posterior: Posterior, verdict: Verdict) -> Optimum:

@@ -27,6 +27,7 @@ def amend_case(
     mass: Sequence[str],
     weight: Sequence[str],
     posture: str | None,
+    location: str | None,
     exchange: str | None,
     exclude: bool,
     undo: bool,
@@ -35,7 +36,7 @@ def amend_case(
     json: str | None,
 ) -> None:
     """Amend a case, take its last amendment back, or list what was amended; see `fingertwin amend --help`."""
-    changes = bool(tendon or mass or weight or posture or exchange or exclude)
+    changes = bool(tendon or mass or weight or posture or location or exchange or exclude)
     read = read_session(session)
     if case is None:
         if changes or undo:
@@ -54,13 +55,13 @@ def amend_case(
     if not changes:
         raise InputError(
             f"nothing to amend in case {case}",
-            "--tendon, --mass, --weight, --posture, --exchange or --exclude",
+            "--tendon, --mass, --weight, --posture, --mount, --exchange or --exclude",
             "Say what it was",
         )
     if why is None:
         raise InputError("an amendment without a reason", '--why "…"', "Say how it is known")
     if exchange is not None:
-        if tendon or mass or weight or posture or exclude:
+        if tendon or mass or weight or posture or location or exclude:
             raise InputError("--exchange beside another change", "one of them", "Amend in two steps")
         if len(cases) > 1:
             raise InputError(f"--exchange with {len(cases)} cases", "two cases", "Name one, and the other one after it")
@@ -76,6 +77,7 @@ def amend_case(
             masses_g=once(((name, _grams(value, _MASS)) for name, value in weighed), "--mass"),
             weights_g=once(((entered, true) for true, entered in weights), "--weight for"),
             posture=posture,
+            location=location,
             exclude=exclude,
             by=by,
         )

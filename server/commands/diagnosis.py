@@ -97,7 +97,8 @@ def amending(change: dict[str, Any]) -> str:
     weights = [f"--weight {true:.12g}={float(entered):.12g}" for entered, true in change["weights_g"].items()]
     masses = [f"--mass {tendon}={grams:.12g}" for tendon, grams in change["masses_g"].items()]
     posture = [f"--posture {quoted(change['posture'])}"] if change["posture"] else []
-    return " ".join([quoted(change["cases"]), *tendons, *weights, *masses, *posture])
+    mount = [f"--mount {change['location']}"] if change["location"] else []
+    return " ".join([quoted(change["cases"]), *tendons, *weights, *masses, *posture, *mount])
 
 
 def _print_verdict(body: dict[str, Any]) -> None:

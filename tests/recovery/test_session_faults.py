@@ -18,6 +18,8 @@ from benchmarks.session_faults import (
     joints_in_a_posture,
     mistyped_angle,
     moments_in_Nm,
+    mount,
+    mounts,
     postures,
     radians,
     rows,
@@ -46,6 +48,8 @@ from tests.simulator import draw_session
         (every_angle_in_radians, "posture", "the angles of all postures are in radians"),
         (tendons_in_a_posture, "tendon_labels", "were exchanged in "),
         (postures, "posture", "were exchanged throughout"),
+        (mount, "mount", "the cell was at the "),
+        (mounts, "mount", "tip and bone were exchanged throughout"),
         (sign_everywhere, "posture", "has the other sign in all postures"),
         (joints_in_a_posture, "posture", "PIP and DIP were exchanged in "),
         (mistyped_angle, "posture", "was about "),
@@ -70,7 +74,7 @@ def test_what_was_entered_wrongly_throughout_is_named(
     assert found["effects"] == []
     if first["amend"]:
         _expect_put_right(tmp_path, first["amend"], original)
-    assert bool(first["amend"]) == (fault in (tendons_in_a_posture, postures, rows))
+    assert bool(first["amend"]) == (fault in (tendons_in_a_posture, postures, mount, mounts, rows))
 
 
 def _expect_put_right(folder: Path, amend: list[dict[str, Any]], original: Session) -> None:
@@ -83,9 +87,9 @@ def _expect_put_right(folder: Path, amend: list[dict[str, Any]], original: Sessi
             bench, block_of(bench, change["cases"]), "x", **{k: v for k, v in change.items() if k != "cases"}
         )
     }
-    assert {c.id: (c.masses_g, c.posture) for c in original.cases} == {
-        c.id: (made.get(c.id, {}).get("masses_g", c.masses_g), made.get(c.id, {}).get("posture", c.posture))
-        for c in bench.cases
+    entries = ("masses_g", "posture", "location")
+    assert {c.id: {name: getattr(c, name) for name in entries} for c in original.cases} == {
+        c.id: {name: made.get(c.id, {}).get(name, getattr(c, name)) for name in entries} for c in bench.cases
     }
 
 

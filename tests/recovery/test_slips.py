@@ -5,9 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+from benchmarks.session_faults import Recorded
+from daq.sessions.models import Mount
+from daq.signals.calibration import mount_transform
+from fingermodel.diagnosis.session_model.slips import OTHER_MOUNT
 from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
 from tests.simulator.protocols import PROTOCOLS
@@ -61,6 +66,30 @@ def test_a_zero_too_many_on_a_heavy_weight_is_named_and_makes_no_effect(tmp_path
     assert suspect["probability"] > 0.9
     assert suspect["reads_like"][0]["masses_g"]["FDP"] == pytest.approx(950.0, rel=0.1)
     assert (found["verdict"], found["effects"]) == ("found", ["hanger_mass"])
+
+
+def test_a_case_of_either_mount_that_was_entered_at_the_other_is_named(tmp_path: Path) -> None:
+    """Where the cell is turned otherwise at the other mount, too."""
+    draw_session(tmp_path, 56, {}, protocol="short", nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    cases, wrong = session.document["cases"], dict[str, str]()
+    # The cell's own x is the bone's y, its y the bone's -x.
+    session.document["load_cell"]["mounts"]["bone"]["rotation_deg"] = [0.0, 0.0, 90.0]
+    turned = np.zeros(len(session.t_s), dtype=bool)
+    for case in cases:
+        if case["location"] == "bone":
+            turned |= session.within(case, "unloaded_s") | session.within(case, "loaded_s")
+    to_bone = mount_transform(Mount(rotation_deg=(0.0, 0.0, 90.0)), "right").matrix
+    session.values[turned] = session.values[turned] @ np.linalg.inv(to_bone).T
+    for place, other in OTHER_MOUNT.items():
+        of_place = [c for c in cases if (c["location"], c["role"]) == (place, "identification")]
+        wrong[of_place[3]["id"]] = place
+        of_place[3]["location"] = other
+    session.write()
+    found = diagnosed(tmp_path)
+    assert {s["case"]: s["reads_like"][0]["location"] for s in found["suspects"]} == wrong
+    assert all(s["reads_like"][0]["probability"] > 0.9 for s in found["suspects"])
+    assert found["verdict"] == "nothing_missing"
 
 
 def test_a_slip_that_another_effect_would_explain_is_named_beside_the_true_one(tmp_path: Path) -> None:

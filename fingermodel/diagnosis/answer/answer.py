@@ -179,6 +179,7 @@ def reads_like(explained: Explained, ids: Sequence[str]) -> list[dict[str, Any]]
             "words": slip.words,
             "masses_g": dict(slip.masses_g),
             "posture": slip.posture,
+            "location": slip.location,
             # Where the loads alone were, each case is put right by its own masses.
             "exchanged_with": None if slip.partner is None or slip.like != slip.partner else ids[slip.partner],
             "probability": probability,

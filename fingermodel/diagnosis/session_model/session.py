@@ -181,7 +181,11 @@ class Session:
 
 
 def session_of(
-    model: Model, observations: Observations, plane: Plane | None = None, held: Collection[str] = ()
+    model: Model,
+    observations: Observations,
+    plane: Plane | None = None,
+    held: Collection[str] = (),
+    counted: tuple[Ints, Mask] | None = None,
 ) -> Session:
     """Set up the model of a session.
 
@@ -190,13 +194,14 @@ def session_of(
         observations: of the session.
         plane: of the forces that count; by default what the finger's axes can predict.
         held: parameters of effects that the model has already; free throughout.
+        counted: `rows` and `fitted` of the session; by default those that the observations show.
 
     Raises:
         SessionError: no identification case, or a reading without any uncertainty.
         InputError: there is no such plane.
     """
     chosen = model.finger.judged_in if plane is None else require_plane(plane)
-    rows, fitted = _rows_of(observations, chosen)
+    rows, fitted = counted or _rows_of(observations, chosen)
     require_rows(rows[fitted])
     hung = np.asarray(observations.inputs.tension)[rows[fitted] // 6]
     if not hung.any():

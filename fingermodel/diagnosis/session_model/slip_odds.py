@@ -62,7 +62,8 @@ class SlipsAbout:
         gains, misfits = np.empty(len(pairs)), np.empty(len(pairs))
         for case, one in apart.items():
             own = owners == case
-            gains[own], misfits[own], _ = _gains(one, changes[own][:, one.rows], scatter)
+            open_Nmm = np.array([slip.open_Nmm for of, slip in pairs if of == case])
+            gains[own], misfits[own], _ = _gains(one, changes[own][:, one.rows], scatter, open_Nmm)
         weighed = list(zip(pairs, gains.tolist(), misfits.tolist(), strict=True))
         found: dict[int, list[tuple[Slip, float, float]]] = {case: [] for case in apart}
         for (case, slip), gain, chi in weighed:
@@ -104,7 +105,7 @@ class SlipsAbout:
             amount = float(solved @ apart.away) / (float(column @ solved) + AMOUNT**-2)
             if amount <= -1.0 or not column.any():
                 continue
-            found, (chi,), (grown,) = _gains(apart, amount * column[None, :], scatter)
+            found, (chi,), (grown,) = _gains(apart, amount * column[None, :], scatter, np.zeros(1))
             # What is lost by not having said beforehand how much it would be.
             spread = max(float(column @ np.linalg.solve(grown, column)), 0.0) * AMOUNT**2
             gain = float(found[0]) - 0.5 * (amount / AMOUNT) ** 2 - 0.5 * float(np.log1p(spread))
@@ -115,16 +116,18 @@ class SlipsAbout:
             yield slip, float(np.log(share)) + gain, float(chi)
 
 
-def _gains(apart: Apart, changes: Floats, scatter: float) -> tuple[Floats, Floats, Floats]:
+def _gains(apart: Apart, changes: Floats, scatter: float, open_Nmm: Floats) -> tuple[Floats, Floats, Floats]:
     """Log evidence (k,) gained by changes (k, L) of the prediction, chi-squares (k,) left, and covariances (k, L, L).
 
-    The prediction of another load is as uncertain as the form of an effect, and scatters as the loads do.
+    The prediction of another load is as uncertain as the form of an effect, and scatters as the loads do. Moments may
+    be anything up to some size (k,).
     """
     moment = apart.rows >= 3
     sizes = np.where(
         moment, (changes[:, moment] ** 2).sum(axis=1)[:, None], (changes[:, ~moment] ** 2).sum(axis=1)[:, None]
     )
-    grown = apart.covariance + (scatter**2 + FORM.scale**2) * sizes[:, :, None] * np.eye(len(moment))
+    variance = (scatter**2 + FORM.scale**2) * sizes + moment * open_Nmm[:, None] ** 2
+    grown = apart.covariance + variance[:, :, None] * np.eye(len(moment))
     left = apart.away - changes
     after = (left * np.linalg.solve(grown, left[..., None])[..., 0]).sum(axis=1)
     determinants = np.linalg.slogdet(apart.covariance)[1] - np.linalg.slogdet(grown)[1]

@@ -1,6 +1,6 @@
 """Slips of the pen: what a load case may have been instead of what was entered.
 
-A slip keeps the reading and changes the entry: another tendon, mass or posture, two cases exchanged, a window of
+A slip keeps the reading and changes the entry: another tendon, mass, posture or mount, two cases exchanged, a window of
 the recording that holds something else. Each predicts a reading; a bad case of which nothing is known does not.
 """
 
@@ -16,11 +16,12 @@ import numpy as np
 
 from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
-from fingermodel.diagnosis.settings import SLIP_SHARES
+from fingermodel.diagnosis.settings import LONGEST_MM, SLIP_SHARES
 from fingermodel.model import Model
 
-Kind = Literal["tendon", "mass", "unloaded", "kept", "posture", "exchanged", "window", "amount"]
+Kind = Literal["tendon", "mass", "unloaded", "kept", "posture", "mount", "exchanged", "window", "amount"]
 
+OTHER_MOUNT = {"tip": "bone", "bone": "tip"}
 # Factors by which a mass is entered wrongly in another unit, or with its decimal point in another place.
 _UNITS = {
     1000.0: "kg were entered for g",
@@ -41,6 +42,8 @@ class Slip:
     like: int  # index of a case in that posture, whose setting is taken
     sign: float = 1.0  # of the reading: 0 where the tare holds the load too, -1 where tare and load are exchanged
     partner: int | None = None  # index of the case that it is exchanged with
+    location: str | None = None  # of the cell; None where it was as entered
+    open_Nmm: float = 0.0  # how large the moments may be of which it predicts nothing
     share: float = 0.0  # of this slip among all that can happen to the case
 
 
@@ -75,12 +78,18 @@ class PossibleSlips:
         inputs = self._observations.inputs
         cases, like = np.array([c for c, _ in slips]), np.array([s.like for _, s in slips])
         done, other = inputs.rows(cases), inputs.rows(like)
-        tension = jax.device_put(np.array([s.tension for _, s in slips]))
-        changed = self._model.predict(
-            done._replace(posture=other.posture, setting=other.setting, tension=tension), theta
+        moved = np.array([s.location is not None for _, s in slips])
+        tension, at_bone = np.array([s.tension for _, s in slips]), np.asarray(done.at_bone) ^ moved
+        really = done._replace(
+            posture=other.posture,
+            setting=other.setting,
+            tension=jax.device_put(tension),
+            at_bone=jax.device_put(at_bone),
         )
-        sign = np.array([s.sign for _, s in slips])[:, None]
-        return sign * np.asarray(changed.reading) - np.asarray(self._model.predict(inputs, theta).reading)[cases]
+        changed, sign = np.array(self._model.predict(really, theta).reading), np.array([s.sign for _, s in slips])
+        turn = np.linalg.inv(self._observations.to_other_mount[cases[moved]])
+        changed[moved] = (turn @ changed[moved, :, None])[..., 0]
+        return sign[:, None] * changed - np.asarray(self._model.predict(inputs, theta).reading)[cases]
 
     def _all(self, case: int) -> Iterator[Slip]:
         masses, posture = self._observations.masses_g[case], self._observations.postures[case]
@@ -114,6 +123,12 @@ class PossibleSlips:
                 yield Slip(
                     "posture", f"the posture was {name}, not {posture}", loaded, name, self._tension[case], index
                 )
+        place = self._observations.locations[case]
+        elsewhere = OTHER_MOUNT[place]
+        lever = LONGEST_MM if elsewhere == "bone" else 0.0
+        words = f"the cell was at the {elsewhere}, not the {place}"
+        pulled_N = float(self._tension[case].sum())
+        yield hung("mount", words, loaded, location=elsewhere, open_Nmm=lever * pulled_N)
         yield hung("window", "the tare was taken with the weight on", loaded, sign=0.0)
         yield hung("window", "tare and load were exchanged", loaded, sign=-1.0)
         yield from self._exchanges(case)

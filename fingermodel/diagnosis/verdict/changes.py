@@ -16,7 +16,9 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, WRONG_ANGLE_RAD
 
-Kind = Literal["tendon_labels", "rows", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
+Kind = Literal[
+    "tendon_labels", "rows", "side", "posture", "mount", "mass_unit", "axes", "unit", "gain", "weight", "tare"
+]
 
 # Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
 MOST_BLOCKS = 20
@@ -31,6 +33,7 @@ class Amend:
     weights_g: dict[float, float] = field(default_factory=dict)  # what a weight really weighs [g], by what was entered
     masses_g: dict[str, float] = field(default_factory=dict)  # what really hung on a tendon [g], 0 for nothing
     posture: str | None = None  # that was really set; None where it was as entered
+    location: str | None = None  # of the cell, as `posture`
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """What may have been entered wrongly in many cases alike, and the session with it put right.
 
-Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the axes, the tare, weights.
+Tendons, postures or mounts exchanged, the side mirrored, an angle's sign, a unit, the axes, the tare, weights.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, P_VALUE
+from fingermodel.diagnosis.session_model.slips import OTHER_MOUNT
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LONGEST_MM, P_VALUE
 from fingermodel.diagnosis.verdict.changes import MOST_BLOCKS, Amend, Change, Kind, of_label, postures_in_use
 
 # Masses in another unit: what one that was entered as a gram is in grams.
@@ -81,6 +82,7 @@ class Entries:
         yield from self._tendons()
         yield from self._rows()
         yield from self._postures()
+        yield from self._mounts()
         yield from self._angles()
         yield self._one("side", "the side is the other one (readings are mirrored)", _times(o, _MIRROR))
         yield from self._moments()
@@ -171,6 +173,32 @@ class Entries:
             for where, (named, here) in blocks.items():
                 words, amend = f"the posture was {done}, not {name}{where}", (Amend(named, posture=done),)
                 yield self._block("posture", words, here, away[done], amend, posture=everywhere[done])
+
+    def _mounts(self) -> Iterator[Corrected]:
+        """Cases that were read at the other mount: all, those of a posture, or some for which it was set once."""
+        o, rows = self.session.observations, self.session.rows
+        every = ~of_label(o.roles, "check")
+        away = self._residual(_at_other_mount(o, every))
+        # Which moments there are at the bone nobody knows.
+        away = np.where((rows % 6 >= 3) & of_label(o.locations, "tip")[rows // 6], 0.0, away)
+        places = {"throughout": ("", every)}
+        for name in postures_in_use(o):
+            places[f"in {name}"] = f"{name},", of_label(o.postures, name)
+        blocks = list[tuple[str, Mask, tuple[Amend, ...]]]()
+        for where, (named, cases) in places.items():
+            of_mount = {p: cases & of_label(o.locations, p) for p in dict.fromkeys(o.locations)}
+            here = {p: moved for p, moved in of_mount.items() if moved.any()}
+            amend = {p: Amend(f"{named}{p}", location=OTHER_MOUNT[p]) for p in here}
+            blocks += [(f"{_other(p)} {where}", moved, (amend[p],)) for p, moved in here.items()]
+            if len(here) > 1:
+                blocks.append((f"tip and bone were exchanged {where}", cases, tuple(amend.values())))
+        for of_posture in self._set_once.values():
+            for where, (named, moved) in of_posture.items():
+                place = o.locations[int(np.argmax(moved))]
+                blocks.append((f"{_other(place)}{where}", moved, (Amend(named, location=OTHER_MOUNT[place]),)))
+        for words, moved, amendments in blocks:
+            left = np.where(moved[rows // 6], away, self.away)
+            yield Corrected("mount", words, _at_other_mount(o, moved), left, np.zeros(len(rows)), amend=amendments)
 
     def _rows(self) -> Iterator[Corrected]:
         """Loads of some cases in a row entered one row too high or too low, as where one row was pasted elsewhere."""
@@ -314,6 +342,32 @@ def _smooth_tares(observations: Observations) -> Floats:
             alike = [*alike, case] if (off <= _BEYOND_NOISE * usual[case])[:3].all() else [case]
             out[alike] = o.tared[alike].mean(axis=0)
     return out
+
+
+def _other(place: str) -> str:
+    return f"the cell was at the {OTHER_MOUNT[place]}, not the {place},"
+
+
+def _at_other_mount(observations: Observations, moved: Mask) -> Observations:
+    """The same readings, some cases of the other mount; moments at the bone may be anything."""
+    o, turn = observations, np.where(moved[:, None, None], observations.to_other_mount, np.eye(6))
+    locations = [OTHER_MOUNT[p] if is_moved else p for p, is_moved in zip(o.locations, moved, strict=True)]
+    at_bone, mounting = of_label(locations, "bone"), np.array(o.inputs.mounting)
+    for i in np.flatnonzero(moved):
+        there = np.flatnonzero(of_label(o.locations, locations[i]))
+        mounting[i] = mounting[there[np.argmin(np.abs(there - i))]] if there.size else mounting[i]
+    noise = o.noise.turned(turn)
+    anything = np.where(moved & at_bone, LONGEST_MM * np.asarray(o.inputs.tension).sum(axis=1), 0.0)
+    blocks = noise.blocks + anything[:, None, None] ** 2 * np.diag([0.0] * 3 + [1.0] * 3)
+    wrench, tared = ((turn @ np.nan_to_num(each)[..., None])[..., 0] for each in (o.wrench, o.tared))
+    return replace(
+        o,
+        locations=tuple(locations),
+        inputs=o.inputs._replace(at_bone=jnp.asarray(at_bone), mounting=jnp.asarray(mounting)),
+        wrench=np.where(np.isfinite(o.wrench), wrench, np.nan),
+        noise=replace(noise, blocks=blocks),
+        tared=tared,
+    )
 
 
 def _with(observations: Observations, **columns: Floats) -> Observations:

@@ -187,7 +187,7 @@ def session_faults(
     posterior: Posterior,
     checked: Mapping[Explanation, PredictiveCheck],
     trend: Trend | None,
-) -> list[SessionFault]:
+) -> list[tuple[SessionFault, PutRight]]:
     """Weigh faults of the whole session against everything that was found without them.
 
     Args:
@@ -197,7 +197,7 @@ def session_faults(
         trend: of what is left as entered, which is no fault.
 
     Returns:
-        What is more probable than not and explains the readings, most probable first.
+        What is more probable than not and explains the readings, most probable first, with how well.
     """
     found = list({f.offer.fault: f for f in sorted(found, key=lambda f: f.log_posterior)}.values())
     found = [f for f in found if f.log_posterior >= posterior.leader.log_posterior]
@@ -210,7 +210,8 @@ def session_faults(
     could = [by_words[fault.words] for fault in _probable(offers, values, rest)]
     said = _probable(offers, values, [*rest, *(f.without for f in could)])
     # A fault that leaves more than noise may make up for a part of something else.
-    return [fault for fault in said if explains_with_rig_as_stated(by_words[fault.words].fit)]
+    each = [(fault, by_words[fault.words]) for fault in said]
+    return [(fault, put) for fault, put in each if explains_with_rig_as_stated(put.fit)]
 
 
 def unseen_faults(
@@ -287,7 +288,8 @@ def _of_effects(fit: Optimum, node: Node, candidates: Candidates) -> float:
 
 def _with_readings(session: Session, observations: Observations) -> Session:
     """The session with other observations of the same cases."""
-    other = session_of(session.model, observations, session.plane)
+    # The same readings count, whatever they are taken for: what is explained must be the same.
+    other = session_of(session.model, observations, session.plane, counted=(session.rows, session.fitted))
     return replace(other, problem=replace(other.problem, free=session.problem.free))
 
 

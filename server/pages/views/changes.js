@@ -75,6 +75,6 @@ function said(e) {
   if (e.kind === "exclude") return e.body.reason;
   if (e.kind === "windows") return Object.entries(e.body).map(([k, v]) => `${k.replace("_s", "").replaceAll("_", " ")}: ${v ? `${v[0]} to ${v[1]} s` : "none"}`).join("; ");
   if (e.kind === "plan") return e.body.why || "";
-  if (e.kind === "amend") return e.body.amendments.map((a) => `${a.case}: ${[a.masses_g ? masses(a.masses_g) : "", a.posture ? words(a.posture) : ""].filter(Boolean).join(", ")}; ${a.why}`).join("; ");
+  if (e.kind === "amend") return e.body.amendments.map((a) => `${a.case}: ${[a.masses_g ? masses(a.masses_g) : "", a.posture ? words(a.posture) : "", a.location ? `the cell at the ${a.location}` : ""].filter(Boolean).join(", ")}; ${a.why}`).join("; ");
   return "";
 }

@@ -76,7 +76,7 @@ export async function view(main, { session, asked }) {
 
   async function amend(id, like, leftOut, why) {
     const where = `${path}/cases/${encodeURIComponent(id)}`;
-    const body = like.exchanged_with ? { exchanged_with: like.exchanged_with, why } : { masses_g: like.masses_g, posture: like.posture, why };
+    const body = like.exchanged_with ? { exchanged_with: like.exchanged_with, why } : { masses_g: like.masses_g, posture: like.posture, location: like.location, why };
     return edit(leftOut ? `${where}/exclude` : `${where}/amend`, leftOut ? { reason: why } : body, `${id} is ${leftOut ? "left out" : "amended"}: ${like.words}`);
   }
 

@@ -205,13 +205,14 @@ def amend(session: SessionId, case: CaseId, body: Amended, request: Request) -> 
     parts = of(request)
     known = parts.sessions.read(session).session()
     if body.exchanged_with is not None:
-        if body.masses_g is not None or body.posture is not None:
+        if (body.masses_g, body.posture, body.location) != (None, None, None):
             raise ProblemError(422, "exchanged_with beside another change", "one of them", "Amend in two steps")
         made = list(exchanged(known, case, body.exchanged_with, body.why))
     else:
         here = case_of(known.amended, case)
         gone = dict.fromkeys(here.masses_g, 0.0) if body.masses_g is not None else {}
-        made = [amendment(known, case, body.why, masses_g=gone | (body.masses_g or {}), posture=body.posture)]
+        masses_g = gone | (body.masses_g or {})
+        made = [amendment(known, case, body.why, masses_g=masses_g, posture=body.posture, location=body.location)]
     return _edited(parts, session, "amend", case, _kept(made))
 
 

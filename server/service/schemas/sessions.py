@@ -199,6 +199,7 @@ class Amended(Form):
         None, max_length=40, description="Everything that hung [g].", examples=[{"FDS": 950.0}]
     )
     posture: Annotated[str, Field(max_length=200)] | None = Field(None, description="The posture that was really set.")
+    location: Literal["tip", "bone"] | None = Field(None, description="Where the cell really was.")
     exchanged_with: Annotated[str, Field(max_length=100)] | None = Field(
         None, description="Another case, entered in this one's place; nothing else then."
     )
@@ -233,6 +234,7 @@ class AmendedBlock(Form):
         examples=[{"FDP": 950.0, "FDS": 0.0}],
     )
     posture: Annotated[str, Field(max_length=200)] | None = Field(None, description="The posture that was really set.")
+    location: Literal["tip", "bone"] | None = Field(None, description="Where the cell really was.")
 
 
 class AmendedBlocks(Form):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -17,6 +18,8 @@ from daq.sessions import (
 from daq.sessions import parse_session, plain_document, read_amendments, read_session, write_session
 from daq.sessions.amendments import amendment, exchanged, listed, write_amendments
 from daq.signals.corrections import measure
+
+OTHER_MOUNT = {"tip": "bone", "bone": "tip"}
 
 
 @pytest.fixture
@@ -45,6 +48,26 @@ def test_the_entry_stays_and_measuring_heeds_the_amendment(folder: Path) -> None
     write_amendments(folder, ())
     assert not (folder / FILE).exists()
     assert measure(read_session(folder)).cases[0].case == case
+
+
+def test_a_case_that_was_read_at_the_other_mount_is_measured_in_its_axes(tmp_path: Path) -> None:
+    folder = tmp_path / "DEV-02"
+    shutil.copytree(data_dir() / "sessions" / "DEV-02", folder)
+    document = yaml.safe_load((folder / "session.yaml").read_text(encoding="utf-8"))
+    mounts = document["load_cell"]["mounts"]
+    mounts["tip"]["offset_mm"], mounts["bone"]["rotation_deg"] = [1.0, 2.0, 3.0], [10.0, -20.0, 70.0]
+    (folder / "session.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    session = read_session(folder)
+    before = measure(session).cases
+    moved = {next(k for k, m in enumerate(before) if m.case.location == p): o for p, o in OTHER_MOUNT.items()}
+    made = [amendment(session, before[k].case.id, "seen on the photo", location=other) for k, other in moved.items()]
+    write_amendments(folder, tuple(made))
+    after = measure(read_session(folder)).cases
+    for k, (was, now) in enumerate(zip(before, after, strict=True)):
+        turn = was.to_other_mount if k in moved else np.eye(6)
+        assert now.case.location == moved.get(k, was.case.location)
+        assert now.wrench == pytest.approx(turn @ was.wrench, abs=1e-9)
+        assert now.to_other_mount @ turn == pytest.approx(was.to_other_mount if k not in moved else np.eye(6), abs=1e-9)
 
 
 def test_heeding_amendments_twice_is_heeding_them_once(folder: Path) -> None:
@@ -89,6 +112,7 @@ def test_a_later_amendment_builds_on_an_earlier_one(folder: Path) -> None:
     [
         ({"case": "c999"}, "no case c999"),
         ({"posture": "fist"}, "posture 'fist'"),
+        ({"location": "palm"}, "mount 'palm'"),
         ({"tendons": {"LU": "FDS"}}, "not LU"),
         ({}, "is so already"),
         ({"why": " ", "exclude": True}, "without a reason"),

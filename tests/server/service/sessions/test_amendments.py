@@ -90,13 +90,21 @@ def test_a_block_of_cases_is_amended_in_one_edit(fresh: ServiceReceiver) -> None
     kept = [{t: g for t, g in c["masses_g"].items() if t not in (loaded, other)} for c in before]
     assert after == [masses | {other: 77.0 + i} for i, masses in enumerate(kept)]
     client.post(f"{path}/edits/{done.json()['edit']}/undo", json={}).raise_for_status()
+    place = before[0]["location"]
+    other = "bone" if place == "tip" else "tip"
+    moved = {"amend": [{"cases": place, "location": other}], "why": "seen on the photo"}
+    client.post(f"{path}/amend", json=moved).raise_for_status()
+    assert {c["location"] for c in client.get(f"{path}/comparison").json()["cases"]} == {other}
+    back = client.post(f"{path}/cases/{before[0]['id']}/amend", json={"location": place, "why": "it was not"})
+    assert back.status_code == 200, back.text
+    assert [c["location"] for c in client.get(f"{path}/comparison").json()["cases"]].count(place) == 1
     for weights in ({"1.5": 2.0}, {"heavy": 2.0}, {str(heavy): 0.0}):
         refused = client.post(f"{path}/amend", json={"amend": [{"cases": "all", "weights_g": weights}], "why": "x"})
         assert refused.status_code == 422, weights
     for cases in ("nowhere", "tip,bone,c001..", ""):
         refused = client.post(f"{path}/amend", json={"amend": [{"cases": cases, "posture": "hook"}], "why": "x"})
         assert refused.status_code == 422, cases
-    assert len(client.get(f"{path}/edits").json()["edits"]) == 6
+    assert len(client.get(f"{path}/edits").json()["edits"]) == 8
 
 
 @pytest.mark.parametrize(
@@ -105,6 +113,7 @@ def test_a_block_of_cases_is_amended_in_one_edit(fresh: ServiceReceiver) -> None
         ({"why": "x"}, 422),
         ({"masses_g": {"FDS": 5.0}}, 422),
         ({"posture": "fist", "why": "x"}, 422),
+        ({"location": "palm", "why": "x"}, 422),
         ({"masses_g": {"FDS": 0.5}, "why": "x"}, 422),
         ({"masses_g": {"ABC": 50.0}, "why": "x"}, 422),
         ({"exchanged_with": "c9", "why": "x"}, 422),
