@@ -83,9 +83,10 @@ def _say_report(report: Report) -> None:
     for fault in report.faults:
         say(f"{fault.kind:8} {f'stream {fault.stream[:12]}: ' if fault.stream else ''}{fault.text}")
     for stream, chunks in report.chunks.items():
-        say(f"stream {stream[:12]}: {report.samples[stream]} samples in {chunks} sound chunks")
+        say(f"stream {stream[:12]}: {counted(report.samples[stream], 'sample')} in {counted(chunks, 'sound chunk')}")
     if report.undecoded_bytes:
-        say(f"{report.undecoded_bytes} bytes that made no reading")
-    known = f", {report.known_gaps} losses noted by an earlier recovery" if report.known_gaps else ""
+        say(f"{counted(report.undecoded_bytes, 'byte')} that made no reading")
+    known = f", {counted(report.known_gaps, 'loss')} noted by an earlier recovery" if report.known_gaps else ""
     aside = f", {report.set_aside} that the service refused are set aside" if report.set_aside else ""
-    say(f"{report.events} events, {report.pending} chunks wait to be sent{aside}{known}")
+    waiting = f"{counted(report.pending, 'chunk')} {'waits' if report.pending == 1 else 'wait'} to be sent"
+    say(f"{counted(report.events, 'event')}, {waiting}{aside}{known}")

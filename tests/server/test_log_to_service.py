@@ -81,4 +81,4 @@ def test_a_service_that_is_not_there_fails_in_one_line_and_loses_nothing(
     assert "Not all is at http://127.0.0.1:9" in text
     code, text, _ = run(capsys, monkeypatch, "journal", "check", str(out / "journal.sqlite3"))
     assert code == 0
-    assert "wait to be sent" in text
+    assert "1 chunk waits to be sent" in text
