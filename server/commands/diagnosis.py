@@ -122,7 +122,7 @@ def _print_verdict(body: dict[str, Any]) -> None:
     if beyond["probability"] >= _TOLD and not faulty:
         size = f", of about {beyond['amplitude_N']:.2f} N" if beyond["amplitude_N"] else ""
         size += "".join(
-            f", of {name} alone ({p:.2f})" for name, p in beyond.get("of_one_alone", {}).items() if p >= 0.5
+            f", in {name} alone ({p:.2f})" for name, p in beyond.get("of_one_alone", {}).items() if p >= 0.5
         )
         say(f"  Something no effect describes acts, alone or beside: probability {beyond['probability']:.2f}{size}.")
     check = body["predictive_check"]

@@ -154,7 +154,7 @@ def beyond_sentences(answer: Answer) -> list[str]:
     said = f"Something that no effect describes acts, alone or beside others: probability {probability_text(p)}"
     size = value(beyond.get("amplitude_N"))
     alone = [(str(name), p) for name, share in part(beyond, "of_one_alone").items() if (p := value(share)) is not None]
-    of = f", of {alone[0][0]} alone with a probability of {probability_text(alone[0][1])}" if alone else ""
+    of = f", in {alone[0][0]} alone with a probability of {probability_text(alone[0][1])}" if alone else ""
     return [said + (f"; if so, about {number(size)} N{of}." if size else ".")]
 
 

@@ -66,6 +66,7 @@ class Hyperparameters:
     form: Axis  # error of an effect's form
     carriers: tuple[str, ...]  # of something smooth (see `Session.carriers`)
     tendons: int  # how many of them are tendons
+    postures: int  # how many of them, the last, are postures
     noise_assumed: bool  # whether the readings' noise is; its axis is then a multiple
 
     @classmethod
@@ -88,7 +89,8 @@ class Hyperparameters:
         ]
         axes = (scatter, noise, *others, multiple, multiple, *of_groups, *[smooth] * len(FAMILIES), carrier)
         tendons = len(set(carriers) & set(session.model.finger.topology.muscles))
-        return cls(axes, settings.FORM, carriers, tendons, assumed)
+        postures = len(carriers) - 1 - tendons - len(session.model.finger.topology.rotations)
+        return cls(axes, settings.FORM, carriers, tendons, postures, assumed)
 
     def start(self, forms: int) -> Node:
         """The most probable node before any reading."""
@@ -127,14 +129,17 @@ class Hyperparameters:
         """
         middle, nodes = len(self.axes[SMOOTH].values) // 2, list[Node]()
         for c in range(1, len(self.carriers)):
-            families = ("torque", "tension") if c <= self.tendons else ("torque",)
+            families = ("torque", "tension") if c <= self.tendons or self._of_posture(c) else ("torque",)
             begun = [node[SMOOTH:CARRIER]] if self._carried(node) else [_of_one_family(f, middle) for f in families]
             nodes += [(*node[:SMOOTH], *smooth, c, *node[FORMS:]) for smooth in begun]
         return [other for other in nodes if other != node]
 
     def carrier(self, node: Node) -> str:
-        """Tendon or rotation that has alone what is smooth; "" where all of them may, or nothing is."""
+        """Tendon, rotation or posture that has alone what is smooth; "" where all of them may, or nothing is."""
         return self.carriers[node[CARRIER]]
+
+    def _of_posture(self, carrier: int) -> bool:
+        return carrier >= len(self.carriers) - self.postures
 
     def near(self, a: Node, b: Node) -> bool:
         """Whether two nodes are no more than a step apart on any axis, with the same carrier."""
@@ -185,8 +190,9 @@ class Hyperparameters:
         key = node[SMOOTH:FORMS]
         if key not in self._smooth:
             carrier = self.carrier(node)
-            tendon = carrier if 0 < node[CARRIER] <= self.tendons else ""
-            of_family = (carrier, tendon, tendon, "")
+            posture = carrier if self._of_posture(node[CARRIER]) else ""
+            tendon = carrier if 0 < node[CARRIER] <= self.tendons else posture
+            of_family = (carrier, tendon, tendon, posture)
             sizes = [self.axes[k].value[node[k]] for k in range(SMOOTH, CARRIER)]
             self._smooth[key] = {f"{f}:{c}": v for f, c, v in zip(FAMILIES, of_family, sizes, strict=True) if v > 0.0}
         return self._smooth[key]

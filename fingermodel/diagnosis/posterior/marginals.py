@@ -173,9 +173,9 @@ class Posterior:
 
     @cached_property
     def carriers(self) -> dict[str, float]:
-        """How probable it is that one tendon or rotation alone has what is smooth, if anything is; the likeliest first.
+        """How probable it is that one tendon, rotation or posture alone has what is smooth, if anything is.
 
-        The rest of the probability is that several of them have.
+        The likeliest first. The rest of the probability is that several of them have.
         """
         known = [(e.fit.hyper, e.node, e.probability) for e in self.entries if e.fit and e.node]
         carried = summed((hyper.carrier(node), p) for hyper, node, p in known if hyper.smooth_blocks(node))

@@ -25,6 +25,8 @@ from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
 
+# Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
+MOST_BLOCKS = 20
 # Step of a derivative by the logarithm of a tension, and by an angle [rad].
 _STEP = 1e-3
 
@@ -131,16 +133,22 @@ class ReadingChanges(CaseChanges):
 
     @property
     def carriers(self) -> tuple[str, ...]:
-        """What something smooth may be of: of everything (""), of one tendon alone, of one rotation alone."""
+        """What something smooth may be of: of everything (""), of one tendon, rotation or posture alone."""
         topology = self.model.finger.topology
         tendons = [m for m, load in zip(topology.muscles, self.places.load.T, strict=True) if load.any()]
-        return ("", *tendons, *topology.rotations)
+        return ("", *tendons, *topology.rotations, *self._postures)
+
+    @property
+    def _postures(self) -> list[str]:
+        """Postures of the session, where there are several."""
+        names = postures_in_use(self.observations)
+        return names if len(names) > 1 else []
 
     def smooth(self, block: str) -> Floats:
         """(n, k) columns of something smooth.
 
         Args:
-            block: its family and what carries it (see `carriers`), as in `torque:FDP`. Families are `torque` of joints;
+            block: its family and what has it (see `carriers`), as in `torque:FDP`. Families are `torque` of joints;
                 `tension`: what gets through of each; `loaded`: readings, growing with the load; `constant`: readings,
                 whatever the load.
         """
@@ -148,12 +156,14 @@ class ReadingChanges(CaseChanges):
             family, carrier = block.split(":")
             topology = self.model.finger.topology
             tendons, rotations = _carrying(carrier, topology.muscles), _carrying(carrier, topology.rotations)
-            at = replace(self.places, load=self.places.load[:, tendons])
+            in_posture = of_label(self.observations.postures, carrier)[self.rows // 6]
+            here = in_posture if carrier in self._postures else np.ones(len(self.rows), dtype=bool)
+            at = replace(self.places, load=self.places.load[:, tendons], kinds=[k & here for k in self.places.kinds])
             if family == "torque":
-                answer = self.of_rows(np.swapaxes(self.torque_answer, 1, 2))
+                answer = self.of_rows(np.swapaxes(self.torque_answer, 1, 2)) * here[:, None]
                 self._smooth[block] = torque_columns(at, answer[:, rotations])
             elif family == "tension":
-                self._smooth[block] = tension_columns(at, self.by_stated_tension[:, tendons])
+                self._smooth[block] = tension_columns(at, self.by_stated_tension[:, tendons] * here[:, None])
             else:
                 self._smooth[block] = (loaded_columns if family == "loaded" else constant_columns)(at)
         return self._smooth[block]
@@ -195,6 +205,17 @@ class ReadingChanges(CaseChanges):
         setting = np.asarray(inputs.setting)[self.rows // 6]
         here = [setting == k for k in np.unique(setting)]
         return np.concatenate([in_each(here, of_moment[:, None]) for of_moment in change.T], axis=1)
+
+
+def postures_in_use(observations: Observations) -> list[str]:
+    """Postures of the cases; none where they are so many that a block of cases is hardly more than one."""
+    names = list(observations.posture_angles)
+    return names if len(names) <= MOST_BLOCKS else []
+
+
+def of_label(labels: Sequence[str], label: str) -> Mask:
+    """(cases,) which of them have a label."""
+    return np.array([one == label for one in labels])
 
 
 def _carrying(carrier: str, names: Sequence[str]) -> list[int]:

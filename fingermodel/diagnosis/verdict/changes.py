@@ -10,18 +10,15 @@ from typing import Literal
 import numpy as np
 
 from fingermodel.arrays import Floats, Mask
-from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, WRONG_ANGLE_RAD
 
 Kind = Literal[
     "tendon_labels", "rows", "side", "posture", "mount", "mass_unit", "axes", "unit", "gain", "weight", "tare"
 ]
-
-# Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
-MOST_BLOCKS = 20
 
 
 @dataclass(frozen=True)
@@ -181,14 +178,3 @@ def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floa
             changed = reading * change.acts
         out.append(changed.reshape(-1)[session.rows])
     return np.array(out).reshape(-1, len(session.rows)).T
-
-
-def postures_in_use(observations: Observations) -> list[str]:
-    """Postures of the cases; none where they are so many that a block of cases is hardly more than one."""
-    names = list(observations.posture_angles)
-    return names if len(names) <= MOST_BLOCKS else []
-
-
-def of_label(labels: Sequence[str], label: str) -> Mask:
-    """(cases,) which of them have a label."""
-    return np.array([one == label for one in labels])

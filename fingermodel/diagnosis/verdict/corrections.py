@@ -18,10 +18,11 @@ from scipy.special import chdtri
 from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
+from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import OTHER_MOUNT
 from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LONGEST_MM, P_VALUE
-from fingermodel.diagnosis.verdict.changes import MOST_BLOCKS, Amend, Change, Kind, of_label, postures_in_use
+from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind
 
 # Masses in another unit: what one that was entered as a gram is in grams.
 _UNITS_G = {

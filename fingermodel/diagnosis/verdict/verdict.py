@@ -269,7 +269,7 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
-    alone = [f", of {carrier} alone" for carrier, p in posterior.carriers.items() if p >= 0.5]
+    alone = [f", in {carrier} alone" for carrier, p in posterior.carriers.items() if p >= 0.5]
     said = (
         f"Something of about {posterior.beyond_newton:.2g} N acts that no effect here describes{''.join(alone)}{looks}."
     )
