@@ -50,7 +50,8 @@ def test_every_slip_says_something_else_than_the_entry(nothing: Optimum) -> None
         tension = np.asarray(observations.inputs.tension)[case]
         for slip in found:
             same = np.allclose(slip.tension, tension) and slip.posture == observations.postures[case]
-            assert not same or slip.sign != 1.0
+            moved = slip.location not in (None, observations.locations[case])
+            assert not same or slip.sign != 1.0 or moved
         assert sum(s.share for s in found) <= 1.0 - SLIP_SHARES["anything"] - SLIP_SHARES["amount"] + 1e-9
         assert len({s.words for s in found}) == len(found)
 
