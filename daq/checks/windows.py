@@ -95,19 +95,17 @@ def overlap_findings(session: Session) -> list[Finding]:
     for (first, name_a, a), (second, name_b, b) in pairwise(spans):
         if a == b or not _overlap(first, second) or (name_a != "loaded_s" and name_b != "loaded_s"):
             continue
+        where = f"{case_name(cases[b])}: {name_b}"
+        found = f"[{second[0]:g}, {second[1]:g}] s overlaps {name_a} of {case_name(cases[a])} "
+        found += f"[{first[0]:g}, {first[1]:g}] s, which is "
         if name_a == name_b and _same_state(cases[a], cases[b]):
-            continue
-        out.append(
-            finding(
-                "error",
-                "overlap",
-                f"{case_name(cases[b])}: {name_b}",
-                f"[{second[0]:g}, {second[1]:g}] s overlaps {name_a} of {case_name(cases[a])} "
-                f"[{first[0]:g}, {first[1]:g}] s, which is another load",
-                "one load at a time",
-                "Correct the windows",
+            same = found + "the same load: these readings count twice"
+            out.append(
+                finding("warning", "same_readings", where, same, "readings of its own", "Leave one of the cases out")
             )
-        )
+        else:
+            another = found + "another load"
+            out.append(finding("error", "overlap", where, another, "one load at a time", "Correct the windows"))
     return out
 
 

@@ -218,6 +218,7 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "weight straddles": (lambda d, _: d["checks"][0].update(loaded_s=[35.5, 38.5]), "error", "load_change"),
     "overlap in a case": (case(loaded_s=[3.0, 7.0]), "error", "overlap"),
     "overlap of cases": (case(1, loaded_s=[4.6, 7.6], unloaded_s=[0.5, 3.5]), "error", "overlap"),
+    "row copied": (lambda d, _: d["cases"].append(d["cases"][1] | {"id": "copy"}), "warning", "same_readings"),
     "creep": (creep, "warning", "not_steady"),
     "tares wander": (wander, "warning", "tare_drift"),
     "sign": (turn_sign, "warning", "wrong_sign"),
