@@ -19,11 +19,10 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import BadCases, unlike_sound
 from fingermodel.diagnosis.search.beginning import Beginner
-from fingermodel.diagnosis.search.search import Searched, search, unsearched
+from fingermodel.diagnosis.search.search import MOST_FITS, Searched, search, unsearched
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.session_model.slip_odds import Explained
-from fingermodel.diagnosis.settings import MOST_FITS
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together

@@ -9,7 +9,7 @@ import numpy as np
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of, largest_loads
 from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
-from fingermodel.diagnosis.settings import SEED
+from fingermodel.fitting.identification import SEED
 from fingermodel.fitting.roots import root_of
 
 _DRAWS, _LEVELS = 24, (0.25, 0.5, 0.75, 1.0)

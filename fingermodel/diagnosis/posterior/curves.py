@@ -17,13 +17,18 @@ from fingermodel.arrays import Floats, Ints
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.discrepancy import smooth_over
-from fingermodel.diagnosis.settings import SHARED_SIZES
 from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 
 Stage = Literal["arms", "tension", "force"]
 STAGES: tuple[Stage, ...] = ("arms", "tension", "force")
 UNITS: dict[Stage, str] = {"arms": "mm", "tension": "1", "force": "N"}
 WHAT: dict[Stage, str] = {"arms": "moment arms", "tension": "tensions", "force": "forces"}
+# Sizes of a curve: error of a moment arm, a tension, a force at the largest load; each is as probable as any other.
+SIZES: dict[Stage, tuple[float, ...]] = {
+    "arms": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "tension": (0.01, 0.02, 0.04, 0.08, 0.16),
+    "force": (0.01, 0.02, 0.04, 0.08, 0.16),
+}
 # Smallest variance of a posture's feature that is kept, of a largest of 1 a posture.
 _LEAST_FEATURE = 1e-3
 
@@ -211,7 +216,7 @@ def own_curves(fit: Optimum, node: Node) -> tuple[SmoothCurve, ...]:
     """
     curves, out = Curves([fit]), []
     for stage in STAGES:
-        curve, sizes = curves.of(fit, stage), SHARED_SIZES[stage]
+        curve, sizes = curves.of(fit, stage), SIZES[stage]
         said = [Said(0.0, *fit.information(curve.columns, node))]
         gains = [gain(said, size) for size in sizes]
         evidence = float(logsumexp(gains) - np.log(len(sizes)))

@@ -36,8 +36,8 @@ CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
 # Blocks of weights that act at every node (see `Linearised`); those of errors by group have the names of `GROUPS`.
 ACTING = ("held", "budget", "anatomy")
-# Scatter of a usual bench, relative.
-_USUAL_SCATTER = 0.01
+# Scatter of a usual bench, relative; and the factor within which a stated one is believed.
+_USUAL_SCATTER, STATED_FACTOR = 0.01, 1.5
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.READING, settings.READING, settings.ANGLE_RAD)
 # A node that was kept means the same only where this is the same: the axes in their order, and their values.
 _GRIDS = [axis.value for axis in vars(settings).values() if isinstance(axis, Axis)]
@@ -74,13 +74,13 @@ class Hyperparameters:
         stated, assumed = session.stated_scatter, session.observations.noise_assumed
         scatter, noise, *others = _SIZES
         if stated > 0.0:
-            scatter = Axis.log_normal(scatter.values, stated, settings.STATED_FACTOR)
+            scatter = Axis.log_normal(scatter.values, stated, STATED_FACTOR)
         if assumed:
             noise = settings.ASSUMED_NOISE
-        multiple, smooth = settings.MULTIPLE, settings.SMOOTH_N.with_atom(settings.P_SMOOTH / len(FAMILIES))
+        multiple, smooth = settings.MULTIPLE, settings.SMOOTH_N.with_atom(settings.P_UNUSUAL / len(FAMILIES))
         carriers = session.changes.carriers
-        of_one = settings.P_OF_ONE / (len(carriers) - 1)
-        of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
+        of_one = settings.P_UNUSUAL / (len(carriers) - 1)
+        of_each = np.log([1.0 - settings.P_UNUSUAL, *[of_one] * (len(carriers) - 1)])
         carrier = Axis(np.arange(float(len(carriers))), of_each)
         of_groups = [
             settings.OF_GROUP.times(size) if size * session.errors.by_group[name].any() else Axis.none()

@@ -8,7 +8,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.hyper import Node
-from fingermodel.diagnosis.settings import MOST_NODES, WITHIN
+from fingermodel.diagnosis.settings import WITHIN
+
+# Most nodes of one explanation; those beyond count as if the axes were independent of each other.
+MOST_NODES = 100
 
 
 class Steps:

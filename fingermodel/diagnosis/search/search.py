@@ -21,8 +21,10 @@ from fingermodel.diagnosis.search.beginning import Beginning
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.session_model.slip_odds import Explained
-from fingermodel.diagnosis.settings import FAR, MOST_FITS, WITHIN
+from fingermodel.diagnosis.settings import FAR, WITHIN
 
+# Most fits of a search.
+MOST_FITS = 30
 # Singles from which pairs are made, and most pairs that are fitted first; and singles that are fitted whatever they
 # promise, about the base and about where all candidates fit.
 _FIRST, _ALWAYS = 8, 3

@@ -9,8 +9,14 @@ import numpy as np
 from scipy.special import betainc
 
 from fingermodel.arrays import Floats, Ints, Mask
-from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, LONGEST_MM, P_BAD, TAIL_N
+from fingermodel.diagnosis.settings import LEVER_MM, P_BAD
 
+# How far the force of a bad case may be off [N].
+BAD_N = 1.5
+# Noise has a long tail: so many cases are off by some hundredths of a newton, and nobody made a slip [N].
+P_TAIL, _TAIL_N = 0.02, 0.05
+# No lever in a finger is longer [mm].
+_LONGEST_MM = 10.0 * LEVER_MM
 # Log odds of a case to be bad, before its reading.
 LOG_PRIOR_ODDS = float(np.log(P_BAD / (1.0 - P_BAD)))
 
@@ -29,7 +35,7 @@ def bad_size(moment: Mask, reading: Floats, pulled_N: Floats, usual_N: float) ->
     """
     # Tip and bone together carry what is pulled, and neither more than twice that.
     most, lever = 2.0 * usual_N, np.where(moment, LEVER_MM, 1.0)
-    read = np.where(np.abs(reading) > most * np.where(moment, LONGEST_MM, 1.0), np.abs(reading), 0.0)
+    read = np.where(np.abs(reading) > most * np.where(moment, _LONGEST_MM, 1.0), np.abs(reading), 0.0)
     entered = np.where(pulled_N > most, pulled_N * lever, 0.0)
     return np.maximum(np.maximum(read, entered), BAD_N * lever)
 
@@ -63,7 +69,7 @@ class Apart:
             values, vectors = np.linalg.eigh(covariance - np.diag(size**2))
             covariance = np.asarray((vectors * np.maximum(values, 1e-6)) @ vectors.T, dtype=np.float64)
             precision = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-        tail = TAIL_N * np.where(rows < 3, 1.0, LEVER_MM)
+        tail = _TAIL_N * np.where(rows < 3, 1.0, LEVER_MM)
         gains = [float(gain_if_bad(off[:, None] * precision * off, off * (precision @ away))) for off in (size, tail)]
         return cls(case, rows, away, covariance, *gains)
 

@@ -12,7 +12,7 @@ from math import factorial, prod
 import numpy as np
 
 from fingermodel.arrays import Mask
-from fingermodel.diagnosis.settings import P_NOTHING, P_OUTSIDE, P_SIZES
+from fingermodel.diagnosis.settings import P_NOTHING, P_SIZES, P_UNUSUAL
 from fingermodel.fitting.problems import out_of_plane
 from fingermodel.model import Model
 
@@ -116,8 +116,8 @@ class Candidates:
         """Share of the prior that each effect has among those of its size."""
         inside = {c.effect for c in self.all if not c.outside}
         outside = {c.effect for c in self.all if c.outside}
-        weight = {e: (1.0 - P_OUTSIDE) / max(len(inside), 1) for e in inside}
-        return weight | {e: P_OUTSIDE / len(outside) for e in outside}
+        weight = {e: (1.0 - P_UNUSUAL) / max(len(inside), 1) for e in inside}
+        return weight | {e: P_UNUSUAL / len(outside) for e in outside}
 
     @cached_property
     def singles(self) -> list[Explanation]:

@@ -20,13 +20,14 @@ from fingermodel.diagnosis.session_model.discrepancy import (
 )
 from fingermodel.diagnosis.session_model.group_errors import by_group, in_each, zero_moments
 from fingermodel.diagnosis.session_model.slips import PossibleSlips
-from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
 
 # Step of a derivative by the logarithm of a tension, and by an angle [rad].
 _STEP = 1e-3
+# Share of the abduction torque that a clamp which resists twist carries as Mx and My.
+_CLAMP_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +192,7 @@ class ReadingChanges(CaseChanges):
         wrench[:, np.arange(len(free)), free] = 1.0
         lever = np.swapaxes(jacobian[:, carried], 1, 2)
         wrench[:, :, carried] = -np.linalg.solve(lever[:, None], jacobian[:, free, :, None])[..., 0]
-        change = self.of_rows(np.swapaxes(self._as_read(CLAMP_SHARE * torque[:, None, None] * wrench), 1, 2))
+        change = self.of_rows(np.swapaxes(self._as_read(_CLAMP_SHARE * torque[:, None, None] * wrench), 1, 2))
         setting = np.asarray(inputs.setting)[self.rows // 6]
         here = [setting == k for k in np.unique(setting)]
         return np.concatenate([in_each(here, of_moment[:, None]) for of_moment in change.T], axis=1)

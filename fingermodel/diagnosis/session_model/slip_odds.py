@@ -10,10 +10,10 @@ import numpy as np
 from scipy.special import expit
 
 from fingermodel.arrays import Floats
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, P_TAIL, Apart
 from fingermodel.diagnosis.session_model.reading_changes import ReadingChanges
 from fingermodel.diagnosis.session_model.slips import Slip
-from fingermodel.diagnosis.settings import AMOUNT, FORM, P_TAIL, SLIP_SHARES
+from fingermodel.diagnosis.settings import AMOUNT, FORM, SLIP_SHARES
 
 
 @dataclass(frozen=True)

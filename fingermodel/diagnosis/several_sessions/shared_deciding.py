@@ -24,9 +24,10 @@ from fingermodel.diagnosis.next_cases.next_cases import (
 )
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
-from fingermodel.diagnosis.settings import SEED, WORTH_NAT
+from fingermodel.diagnosis.settings import WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
+from fingermodel.fitting.identification import SEED
 from fingermodel.stages import LoadCaseInput
 
 # What is read: forces alone; Mz as well; forces where radiographs give the joint angles.

@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats, Ints
 from fingermodel.diagnosis.posterior.curves import (
+    SIZES,
     Curve,
     Curves,
     Said,
@@ -28,7 +29,7 @@ from fingermodel.diagnosis.posterior.curves import (
 )
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import SEED, SHARED_SIZES
+from fingermodel.fitting.identification import SEED
 
 T = TypeVar("T")
 
@@ -91,7 +92,7 @@ class StageSearch:
     def run(self) -> SharedCurve:
         """Climb at every size, and describe the best."""
         nodes: list[Node] = [fit.best for fit in self.fits]
-        sizes = SHARED_SIZES[self.stage]
+        sizes = SIZES[self.stage]
         values = {}
         for size in (0.0, *sizes):
             nodes = self.climbed(nodes, size)

@@ -17,10 +17,12 @@ from fingermodel.diagnosis.posterior.curves import Said, gain
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.group_errors import waves
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import FORM_NAMED, P_VALUE, TREND
+from fingermodel.diagnosis.settings import FORM_NAMED, P_VALUE
 
 # Information of a weight, and share of a column's, that is rounding.
 _LEAST = 1e-6
+# How far a tension, a gain [%] or an angle [°] may change with time or load.
+_CHANGE = 5.0
 # Where a trend is told: at the first case, halfway and at the last; at no load, half the largest and the largest.
 _PLACES = np.array([0.0, 0.5, 1.0])
 _GAIN = "the cell's gain"
@@ -134,7 +136,7 @@ def _tested(information: Floats, score: Floats) -> tuple[float, float, Floats]:
         return 1.0, 0.0, np.zeros(len(turned))
     along = vectors[:, sound].T @ turned / values[sound]
     p_value = float(chdtrc(len(along), float((along**2 * values[sound]).sum())))
-    evidence = gain([Said(0.0, left * np.outer(size, size), turned * size)], TREND)
+    evidence = gain([Said(0.0, left * np.outer(size, size), turned * size)], _CHANGE)
     return p_value, evidence, vectors[:, sound] @ along * scale
 
 
