@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from fingermodel.diagnosis.answer.answer import sentence
-from fingermodel.diagnosis.answer.rig import remarks
+from fingermodel.diagnosis.answer.answer import remarks, sentence
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
