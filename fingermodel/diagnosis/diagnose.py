@@ -17,8 +17,7 @@ from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import BUDGET
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases, unlike_sound
-from fingermodel.diagnosis.search.beginning import Beginner
+from fingermodel.diagnosis.search.beginning import Beginner, unlike_sound
 from fingermodel.diagnosis.search.search import MOST_FITS, Searched, search, unsearched
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
@@ -150,12 +149,12 @@ def diagnose(
     session = session_of(model, observations, plane, held)
     candidates = Candidates.of(model, sagittal=session.plane == "sagittal", held=held)
     most = MOST_FITS * (3 if thorough else 1)
-    bad_cases = BadCases(Beginner(session, candidates, start, progress))
-    begun = bad_cases.grossly()
+    beginner = Beginner(session, candidates, start, progress)
+    begun = beginner.grossly()
     before = put_right(candidates, begun.nothing)
     # What would make up for a fault of the whole session is no finding, and not looked for.
-    faulty = outdoes(before, bad_cases.most_of_any(begun))
-    searched = unsearched(begun) if faulty else search(bad_cases, begun, most)
+    faulty = outdoes(before, beginner.most_of_any(begun))
+    searched = unsearched(begun) if faulty else search(beginner, begun, most)
     session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing

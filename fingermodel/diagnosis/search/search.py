@@ -16,8 +16,7 @@ from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases, explained, odds_of_taken
-from fingermodel.diagnosis.search.beginning import Beginning
+from fingermodel.diagnosis.search.beginning import Beginner, Beginning, explained, odds_of_taken
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.session_model.slip_odds import Explained
@@ -60,11 +59,11 @@ class Searched:
         return self.fits[NOTHING]
 
 
-def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Searched:
+def search(beginner: Beginner, begun: Beginning, most: int = MOST_FITS) -> Searched:
     """Search on from a beginning, with so many fits at most."""
-    found = _Search(bad_cases.all_out(begun)).explained(most)
-    while cases := bad_cases.overlooked(found.begun, found.fits.values()):
-        other = _Search(bad_cases.beginner.beside((*found.begun.slips, cases))).explained(most, found.fits)
+    found = _Search(beginner.all_out(begun)).explained(most)
+    while cases := beginner.overlooked(found.begun, found.fits.values()):
+        other = _Search(beginner.beside((*found.begun.slips, cases))).explained(most, found.fits)
         slips = explained(other.leader, cases)
         gain = max((one.gain for one in slips.values()), default=0.0)
         if other.leader.log_posterior + LOG_PRIOR_ODDS + gain <= found.leader.log_posterior:

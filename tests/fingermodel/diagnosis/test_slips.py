@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import unlike_sound
+from fingermodel.diagnosis.search.beginning import unlike_sound
 from fingermodel.diagnosis.session_model.bad_cases import Apart
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
