@@ -50,8 +50,7 @@ class Recipe:
         session = session_of(model, observations, plane, held).seen_from(about)
         candidates = Candidates.of(model, sagittal=session.plane == "sagittal")
         fitter = Fitter(session, candidates, Hyperparameters.of(session))
-        known = {c.name: c for c in candidates.all}
-        explanation = Explanation(tuple(Member(known[name], form) for name, form in self.members))
+        explanation = Explanation(tuple(Member(candidates.by_name[name], form) for name, form in self.members))
         begun = fitter.linearised(explanation, about, self.node, bad, 0.0)
         return fitter.problem(explanation, self.node, bad, begun)
 

@@ -12,6 +12,7 @@ from fingermodel.diagnosis.answer.ranking import effect_size, parameters_of, ran
 from fingermodel.diagnosis.answer.where import bent, where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.curves import curve_answer
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, SCATTER
 from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import LIVE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
@@ -226,9 +227,7 @@ def sentence(d: Diagnosis) -> str:
             f"A fault of the whole session (probability {fault.probability:.2f}): {words}. To be sure, "
             f"{FAULT_REMEDY[fault.kind]}; then correct the session."
         )
-    titles = {e.name: e.title for e in d.session.model.effects}
-    effect_of = {c.name: c.effect for c in d.candidates.all}
-    named = [f"{titles.get(effect_of[n], n)} ({n})" for n in verdict.names]
+    named = [f"{d.candidates.by_name[n].title} ({n})" for n in verdict.names]
     if verdict.kind == "found":
         values = ", ".join(
             with_unit(f"{p['name']} = {p['value']:.3g}" + (f" ± {p['sd']:.2g}" if p["sd"] else ""), p["unit"])
@@ -264,19 +263,20 @@ def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
         d: of `diagnose`.
         bent_most: parameters of the budget that are bent most by what acts.
     """
-    posterior, assumed = d.posterior, d.session.observations.noise_assumed
-    repeatability: dict[str, float | None] = {f"{key}_pct": 100.0 * v for key, v in _with_sd(posterior.scatter).items()}
+    assumed = d.session.observations.noise_assumed
+    scatter, budget, anatomy, noise = map(d.posterior.hyperparameter, (SCATTER, BUDGET, ANATOMY, NOISE))
+    repeatability: dict[str, float | None] = {f"{key}_pct": 100.0 * v for key, v in _with_sd(scatter).items()}
     repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
-    others = posterior.other_scatter
+    others = d.posterior.other_scatter
     for name, (key, unit, factor, *_) in OTHER_SCATTER.items():
         both = [factor * v for v in others[name]] if name in others else [None, None]
         repeatability |= dict(zip((f"{key}_{unit}", f"{key}_sd_{unit}"), both, strict=True))
     return {
         "repeatability": repeatability,
-        "budget_multiple": _with_sd(posterior.budget) | {"carried_by": list(bent_most)},
-        "anatomy_multiple": _with_sd(posterior.anatomy),
-        "noise_multiple": _with_sd(posterior.noise if assumed else (1.0, 0.0)) | {"assumed": assumed},
-        "extra_noise_N": None if assumed else _with_sd(posterior.noise),
+        "budget_multiple": _with_sd(budget) | {"carried_by": list(bent_most)},
+        "anatomy_multiple": _with_sd(anatomy),
+        "noise_multiple": _with_sd(noise if assumed else (1.0, 0.0)) | {"assumed": assumed},
+        "extra_noise_N": None if assumed else _with_sd(noise),
     }
 
 
@@ -291,28 +291,27 @@ def remarks(d: Diagnosis) -> list[str]:
         return out  # what they cause says nothing of the rig
     if d.trend and d.trend.sentence not in d.verdict.short:
         out.append(f"{d.trend.sentence}.")
-    scatter, stated = posterior.scatter[0], d.session.stated_scatter
+    axes = SCATTER, BUDGET, ANATOMY, NOISE
+    scatter, multiple, anatomy, noise = (posterior.hyperparameter(axis)[0] for axis in axes)
+    stated = d.session.stated_scatter
     if scatter > max(0.004, 1.5 * stated):
         than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
         out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
     if others := other_scatter({kind: value for kind, (value, _) in posterior.other_scatter.items()}):
         out.append(f"Besides, the readings scatter by {', by '.join(others)}.")
-    multiple = posterior.budget[0]
     if multiple > 1.5:
         carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])
         out.append(
             f"The readings want a budget {multiple:.1f} times as large as stated"
             + (f"; it is bent most in {carried}." if carried else ".")
         )
-    if posterior.anatomy[0] > 1.5:
+    if anatomy > 1.5:
         out.append(
-            f"The specimen differs {posterior.anatomy[0]:.1f} times as much from the finger of its file as the "
-            "anatomy's priors say."
+            f"The specimen differs {anatomy:.1f} times as much from the finger of its file as the anatomy's priors say."
         )
     if d.outliers:
         ids = ", ".join(d.session.observations.ids[case] for case in d.outliers)
         out.append(f"Not counted: {ids}, off by more than usual noise, and by less than a slip would explain.")
-    noise = posterior.noise[0]
     if d.session.observations.noise_assumed:
         out.append(
             f"The readings state no uncertainty; this rests on {noise * d.session.model.budget.reading_sd_N:.3f} N a "

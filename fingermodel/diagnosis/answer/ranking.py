@@ -32,12 +32,11 @@ def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
     fits = [f for f in posterior.fits.values() if any(m.candidate.outside for m in f.explanation.members)]
     for fit in sorted(fits, key=posterior.weight, reverse=True):
         for member in fit.explanation.members:
-            name = member.candidate.effect
+            name, title = member.candidate.effect, member.candidate.title
             if not member.candidate.outside or any(o["effect"] == name for o in out):
                 continue
             probability = _of_effect(posterior, name)
             if probability >= _OFFERED:
-                title = next(e.title for e in d.session.model.effects if e.name == name)
                 out.append(
                     {
                         "effect": name,

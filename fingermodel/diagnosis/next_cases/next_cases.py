@@ -173,12 +173,8 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
         out.append(NextCase(case, told, _parted(names, each, prior), probability, each, tests))
     out.sort(key=lambda c: -c.information_nat)
     best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
-    shown_by = {effect.name: effect.shown_by for effect in diagnosis.session.model.effects if effect.shown_by}
-    instruments = tuple(
-        dict.fromkeys(
-            f"{shown_by[e]} ({e})" for fit, _ in live.values() for e in fit.explanation.effects if e in shown_by
-        )
-    )
+    acting = [m.candidate for fit, _ in live.values() for m in fit.explanation.members]
+    instruments = tuple(dict.fromkeys(f"{c.shown_by} ({c.effect})" for c in acting if c.shown_by))
     if best:
         text = f"Next: {best[0].as_dict()['text']}."
     else:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -67,6 +66,8 @@ class Hyperparameters:
     carriers: tuple[str, ...]  # of something smooth (see `Session.carriers`)
     tendons: int  # how many of them are tendons
     noise_assumed: bool  # whether the readings' noise is; its axis is then a multiple
+    _smooth: dict[Node, dict[str, float]] = field(default_factory=dict, init=False, repr=False)
+    _widths: dict[Node, dict[str, float]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, session: Session) -> Hyperparameters:
@@ -191,10 +192,6 @@ class Hyperparameters:
             self._smooth[key] = {f"{f}:{c}": v for f, c, v in zip(FAMILIES, of_family, sizes, strict=True) if v > 0.0}
         return self._smooth[key]
 
-    @cached_property
-    def _smooth(self) -> dict[Node, dict[str, float]]:
-        return {}
-
     def block_widths(self, node: Node) -> dict[str, float]:
         """Widths of the priors of the weights that act at a node, by their block (see `Linearised`).
 
@@ -207,10 +204,6 @@ class Hyperparameters:
             forms = {f"form{k}": error for k, error in enumerate(values.forms.tolist()) if error > 0.0}
             self._widths[node] = always | of_groups | self.smooth_blocks(node) | forms
         return self._widths[node]
-
-    @cached_property
-    def _widths(self) -> dict[Node, dict[str, float]]:
-        return {}
 
     def without_smooth(self, node: Node) -> Node:
         """The same node without anything smooth."""

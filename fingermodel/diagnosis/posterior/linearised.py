@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -50,10 +50,13 @@ class Linearised:
     slopes: Floats  # (n, parameters) of the model, per prior width
     changes: tuple[Floats, ...]  # (cases, 6) by each member [N, N mm]
     bad: frozenset[int]  # cases whose reading may be anything
-
-    @cached_property
-    def _inner(self) -> dict[Node, Whitened]:
-        return {}
+    # What is asked once: by scatter and noise of a node, by what a quadratic is of, and by block.
+    _inner: dict[Node, Whitened] = field(default_factory=dict, init=False, repr=False)
+    _steep: dict[Node, bool] = field(default_factory=dict, init=False, repr=False)
+    _latest: dict[tuple[object, ...], Quadratic] = field(default_factory=dict, init=False, repr=False)
+    _sizes: dict[str, int] = field(default_factory=dict, init=False, repr=False)
+    # Of the validation readings, by the parameters about which they are linearised.
+    _unseen: dict[bytes, tuple[Floats, Floats]] = field(default_factory=dict, init=False, repr=False)
 
     def but(self, **changed: Any) -> Self:
         """The same optimum with other readings or bad cases; errors of form stay those that are found here."""
@@ -63,8 +66,9 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_latest", "_steps", "_unseen"):
-            self.__dict__.pop(name, None)
+        for known in (self._inner, self._latest, self._unseen):
+            known.clear()
+        self.__dict__.pop("_steps", None)
 
     @cached_property
     def x(self) -> Floats:
@@ -102,10 +106,6 @@ class Linearised:
             reading = session.changes.readings(theta).reshape(-1)[rows]
             self._unseen[x.tobytes()] = reading, -slopes_of(replace(problem, free=free), theta, rows)
         return self._unseen[x.tobytes()]
-
-    @cached_property
-    def _unseen(self) -> dict[bytes, tuple[Floats, Floats]]:
-        return {}
 
     @cached_property
     def form_errors(self) -> list[Floats]:
@@ -174,10 +174,6 @@ class Linearised:
         own = self.x[self.parameters_of[name]] if name in self.parameters_of else np.zeros(0)
         return np.concatenate([own, np.zeros(self.size(name) - len(own))])
 
-    @cached_property
-    def _sizes(self) -> dict[str, int]:
-        return {}
-
     def size(self, name: str) -> int:
         """How many columns a block has."""
         if name not in self._sizes:
@@ -221,10 +217,6 @@ class Linearised:
             self._steep[key] = max(float((s**2).sum(axis=0).max(initial=0.0)) for s in slopes) > _STEEP
         return self._steep[key]
 
-    @cached_property
-    def _steep(self) -> dict[Node, bool]:
-        return {}
-
     def _assembled(self, inner: Whitened, names: Sequence[str]) -> Quadratic:
         spans = self.spans(names)
         count = spans[-1].stop if spans else 0
@@ -236,10 +228,6 @@ class Linearised:
                 hessian[of_b, of_a] = hessian[of_a, of_b].T
         misfit = float(inner.inner(RESIDUAL, RESIDUAL)[0, 0])
         return Quadratic(misfit, gradient, hessian, inner.noise.log_det)
-
-    @cached_property
-    def _latest(self) -> dict[tuple[object, ...], Quadratic]:
-        return {}
 
     def _inner_at(self, node: Node) -> Whitened:
         key = node[OF_CASES]

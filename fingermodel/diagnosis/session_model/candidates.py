@@ -26,6 +26,8 @@ class Candidate:
     forms: tuple[tuple[int, ...], ...]  # each a set of indices of parameters; they share the candidate's prior
     share: float  # of its effect's prior
     outside: bool = False  # whether its effect is marked as outside the catalogue
+    title: str = ""  # of its effect
+    shown_by: str = ""  # what measurement would show its effect
 
     @property
     def has_form(self) -> bool:
@@ -104,12 +106,18 @@ class Candidates:
                     found[name] = kept
             share = 1.0 / max(len(found), 1)
             new = {name: forms for name, forms in found.items() if had.isdisjoint(i for form in forms for i in form)}
-            out += [Candidate(name, effect.name, forms, share, effect.outside) for name, forms in new.items()]
+            of_effect = effect.outside, effect.title, effect.shown_by
+            out += [Candidate(name, effect.name, forms, share, *of_effect) for name, forms in new.items()]
         return cls(tuple(out))
 
     @cached_property
+    def by_name(self) -> dict[str, Candidate]:
+        """Each by its name, in their order."""
+        return {c.name: c for c in self.all}
+
+    @cached_property
     def _order(self) -> dict[str, int]:
-        return {c.name: k for k, c in enumerate(self.all)}
+        return {name: k for k, name in enumerate(self.by_name)}
 
     @cached_property
     def _weights(self) -> dict[str, float]:

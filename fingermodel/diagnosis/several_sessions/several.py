@@ -115,13 +115,12 @@ class _Specimen:
         self.diagnosis, self.posterior = diagnosis, diagnosis.posterior
         self._fits = dict(diagnosis.posterior.fits)
         self._fitter = Fitter(diagnosis.session, diagnosis.candidates, diagnosis.searched.hyper)
-        self._by_name = {c.name: c for c in diagnosis.candidates.all}
 
     def here(self, shared: Explanation) -> Explanation | None:
         """The same with this session's own parameters; None where it cannot act."""
         members = []
         for m in shared.members:
-            own = self._by_name.get(m.candidate.name)
+            own = self.diagnosis.candidates.by_name.get(m.candidate.name)
             if own is None or len(own.forms) != len(m.candidate.forms):
                 return None
             members.append(Member(own, m.form))
