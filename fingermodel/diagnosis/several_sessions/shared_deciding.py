@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from fingermodel.arrays import Floats
 from fingermodel.comparison.comparison import muscles_of
@@ -83,8 +84,7 @@ def deciding(
     names = list(dict.fromkeys([first.name, *(r for r in first.rivals if r in slopes), *(w.name for w in leading)]))[
         :_LAWS
     ]
-    prior = np.array([np.exp(live[n].left_out_gain.sum() if n in live else first.left_out_gain.sum()) for n in names])
-    prior /= prior.sum()
+    prior = softmax([float(live.get(name, first).left_out_gain.sum()) for name in names])
     changes = [_change(slopes[n], live.get(n), slopes[first.name], first) for n in names]
     return _ranked(fit, cases, planned.inputs, changes, prior), tuple(names)
 
