@@ -94,11 +94,7 @@ class Linearised:
         }
 
     def unseen_about(self, x: Floats) -> tuple[Floats, Floats]:
-        """Validation readings (m,) of the model [N, N mm], and their slopes (m, parameters) per prior width.
-
-        Args:
-            x: (parameters,) in prior widths about the priors' centre.
-        """
+        """Validation readings (m,) of the model [N, N mm] at some `x`, and slopes (m, parameters) per prior width."""
         if x.tobytes() not in self._unseen:
             session, problem = self.session, self.session.problem
             rows, theta = session.rows[~session.fitted], problem.centre + problem.scale * x
@@ -267,30 +263,22 @@ class Linearised:
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
 
     def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
-        """What the readings say of further columns, each by itself, beside everything that acts at a node.
+        """What the readings say of each of further columns by itself: information (k,) and score (k,) of its weight.
 
-        Args:
-            columns: (fitted readings, k) change of the readings [N, N mm] per unit of its weight.
-            node: of the hyperparameters.
-
-        Returns:
-            Information (k,) of each weight, and its score (k,).
+        Columns and node are those of `quadratic_of`.
         """
         new, turned, score = self._beside(columns, node)
         return np.maximum((new**2).sum(axis=0) - (turned**2).sum(axis=0), 0.0), score
 
-    def information(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
-        """What the readings say of further columns together, beside everything that acts at a node.
+    def quadratic_of(self, columns: Floats, node: Node) -> Quadratic:
+        """What the readings say of the weights of further columns together, beside everything that acts at a node.
 
         Args:
             columns: (fitted readings, k) change of the readings [N, N mm] per unit of each weight.
             node: of the hyperparameters.
-
-        Returns:
-            Information (k, k) of the weights, and their score (k,).
         """
         new, turned, score = self._beside(columns, node)
-        return new.T @ new - turned.T @ turned, score
+        return Quadratic(0.0, score, new.T @ new - turned.T @ turned, 0.0)
 
     def _beside(self, columns: Floats, node: Node) -> tuple[Floats, Floats, Floats]:
         """Further columns whitened, and turned into what all that acts takes away of them; score of their weights."""

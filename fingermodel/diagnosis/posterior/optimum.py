@@ -62,7 +62,7 @@ class Optimum(Linearised):
         return np.asarray(self.session.model.parameters.one_sided[self.parameters_of[OWN]])
 
     def freed(self, node: Node, width: float = 1.0) -> Freed:
-        """The explanation's own parameters at a node, all else left open; `width` as of `log_joint`."""
+        """The explanation's own parameters at a node, all else left open; `width` multiplies that of their priors."""
         names, own = [*self.acting(node), OWN], self.size(OWN)
         widths, places = self.widths(names, node), self.places(names)
         widths[len(widths) - own :] *= width
@@ -75,12 +75,7 @@ class Optimum(Linearised):
         return Freed(freed.misfit, log_det, width * freed.mean, width**2 * freed.covariance)
 
     def log_joint(self, node: Node, width: float = 1.0) -> float:
-        """Log of prior times likelihood at a node, everything linear integrated out.
-
-        Args:
-            node: of the hyperparameters.
-            width: factor on the widths of the effects' priors.
-        """
+        """Log of prior times likelihood at a node, everything linear integrated out; `width` is that of `freed`."""
         freed = self.freed(node, width)
         found = freed.log_evidence + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
         return self.log_prior - 0.5 * self.unkept + self.hyper.log_prior(node) + found
@@ -155,12 +150,7 @@ class Optimum(Linearised):
         return float(logsumexp(list(self.nodes.values())))
 
     def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints]:
-        """All candidates' parameters, all else left open at a node; and their indices.
-
-        Args:
-            node: of the hyperparameters.
-            forms: whether the errors of form that are found here may act.
-        """
+        """All candidates' parameters, all else left open at a node, errors of form or not; and their indices."""
         first = [n for n in self.acting(node) if forms or not n.startswith("form")]
         widths, whole = self.widths(first, node), self.quadratic([*first, OWN, OTHERS], node)
         left = whole.eliminated(np.arange(len(widths)), widths, self.places(first))
@@ -251,11 +241,7 @@ class Optimum(Linearised):
         return self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
 
     def own_shares(self, changes: Iterable[Floats]) -> list[float]:
-        """How much of each of some changes neither anatomy nor budget could make: shares between 0 and 1.
-
-        Args:
-            changes: (fitted readings, k) each; of several columns they are those of all together.
-        """
+        """Shares, 0 to 1, of changes (fitted readings, k) that neither anatomy nor budget could make; one of each."""
         names = [name for name in self.acting(self.best) if name in (*ACTING, *GROUPS)]
         columns = self.whitened_at(names, self.best)[0] * self.widths(names, self.best)
         root, out = root_of_one_plus(columns.T @ columns), list[float]()

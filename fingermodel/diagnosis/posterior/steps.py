@@ -15,14 +15,7 @@ MOST_NODES = 100
 
 
 class Steps:
-    """Steps between nodes, none of which is asked for twice.
-
-    Args:
-        log_joint: of a node.
-
-    Attributes:
-        known: log joint of each node that was asked for.
-    """
+    """Steps between nodes, none of which is asked for its log joint twice; `known` are those that were asked for."""
 
     def __init__(self, log_joint: Callable[[Node], float]) -> None:
         self._log_joint = log_joint
@@ -43,12 +36,7 @@ class Steps:
         return max(nodes, key=self.at)
 
     def climbed(self, start: Node, sizes: Sequence[int]) -> Node:
-        """From a node along one axis after another to the best value there, until none of them has a better one.
-
-        Args:
-            start: where to begin.
-            sizes: values of each axis.
-        """
+        """From a node along one axis after another to the best of its values, until none of them has a better one."""
         node, axis, stood = start, 0, 0
         while stood < len(sizes):
             before = node
@@ -69,10 +57,6 @@ class Steps:
 
         Neighbours are asked of nodes that are at most `WITHIN` less probable than the best, the best first, until
         `MOST_NODES` are known.
-
-        Args:
-            starts: where to begin.
-            neighbours: of a node.
         """
         found = dict(zip(starts, self.each(starts), strict=True))
         ahead = set(found)
@@ -90,10 +74,7 @@ class Steps:
 def log_share(found: Mapping[Node, float]) -> float:
     """Log of the share of all that is probable which some nodes have, if the axes are independent of each other.
 
-    Each axis is told by the nodes that differ from the best one on it alone.
-
-    Args:
-        found: log joint of each node.
+    Each axis is told by the log joint of the nodes that differ from the best one on it alone.
     """
     best = max(found, key=lambda n: found[n])
     nodes, ratio = np.array(list(found)), np.array(list(found.values())) - found[best]

@@ -20,17 +20,14 @@ from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared
 
 @dataclass(frozen=True, eq=False)
 class SharedFinding:
-    """What sessions share that no effect describes.
-
-    Attributes:
-        laws: that the leading curve resembles, best first; none where it is improbable that it is shared; and
-    """
+    """What sessions share that no effect describes."""
 
     sessions: tuple[str, ...]  # ids
     specimens: tuple[str, ...]  # of each session
     curves: tuple[SharedCurve, ...]  # of each stage, the most evident first
     observed: float  # what sharing gains at most over not sharing, in ln evidence
     shuffled: Floats  # (shuffles,) the same with tendons and signs of the sessions shuffled
+    # That the leading curve resembles, best first; none where it is improbable that it is shared.
     laws: tuple[SharedLaw, ...]
     law_curves: Floats  # (laws, parts, postures) each as the leading curve would show it
     deciding: tuple[Deciding, ...] = ()  # readings that would part them, best first, on a specimen like `decided_on`

@@ -96,7 +96,7 @@ def _columns(fit: Optimum, changes: Sequence[Floats]) -> Floats:
 def _alike(fits: Sequence[Optimum], columns: Sequence[Floats], nodes: Sequence[Node]) -> Floats:
     """Correlation (k, k) of what the sessions together see of each law."""
     information = np.sum(
-        [fit.information(c, node)[0] for fit, c, node in zip(fits, columns, nodes, strict=True)], axis=0
+        [fit.quadratic_of(c, node).hessian for fit, c, node in zip(fits, columns, nodes, strict=True)], axis=0
     )
     size = np.sqrt(np.maximum(np.diag(information), 1e-12))
     return information / size[:, None] / size

@@ -126,7 +126,8 @@ def test_other_readings_have_the_likelihood_of_the_dense_gaussian(nothing: Optim
 )
 def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axes: tuple[int, ...]) -> None:
     columns = np.random.default_rng(8).normal(size=(len(nothing.residual), 3))
-    information, score = nothing.information(columns, axes)
+    said = nothing.quadratic_of(columns, axes)
+    information, score = said.hessian, said.gradient
     single, own = nothing.asked(columns, axes)
     np.testing.assert_allclose(np.diag(information), single, rtol=1e-6)
     np.testing.assert_allclose(score, own, rtol=1e-6, atol=1e-6 * np.abs(own).max())
