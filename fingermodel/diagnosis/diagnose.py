@@ -158,7 +158,7 @@ def diagnose(
     session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing
-    fitter = Fitter(session, candidates, searched.hyper)
+    fitter = Fitter(session, candidates, nothing.hyper)
     starts = [nothing.theta, session.problem.centre]
     stated, refitted = (
         fitter.fit_at(NOTHING, starts, node, nothing.bad) for node in (stated_node(nothing), searched.plain)

@@ -30,11 +30,7 @@ _SLIPS, _SLIP = 3, 0.05
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Everything that one session's diagnosis says, without nulls and next load cases (their modules give those).
-
-    Args:
-        diagnosis: of `diagnose`.
-    """
+    """Everything that one session's diagnosis says, without nulls and next load cases (their modules give those)."""
     d, posterior, best = diagnosis, diagnosis.posterior, diagnosis.best
     nothing, verdict = posterior.nothing, diagnosis.verdict
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
@@ -96,7 +92,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "confounding": d.confounding.as_dict(),
         "detectability": {k: round(v, 3) for k, v in d.confounding.detectability.items()},
-        "candidates_searched": len(posterior.fits) + len(d.searched.promised),
+        "candidates_searched": len(posterior.weights),
         "seconds": d.seconds,
     }
 
@@ -128,12 +124,7 @@ def meaning(d: Diagnosis) -> str:
 
 
 def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
-    """Say how tests that fail go together with the verdict; empty where none fails.
-
-    Args:
-        d: the diagnosis.
-        held: parameters of effects that the model holds already.
-    """
+    """Say how tests that fail go together with the verdict, beside held effects' parameters; empty where none fails."""
     if all(n.verdict != "violated" for n in d.nulls):
         return ""
     apart = words([d.session.observations.ids[case] for case in d.suspects])
@@ -257,12 +248,7 @@ def sentence(d: Diagnosis) -> str:
 
 
 def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
-    """Return the keys of repeatability, budget, anatomy and noise.
-
-    Args:
-        d: of `diagnose`.
-        bent_most: parameters of the budget that are bent most by what acts.
-    """
+    """Return the keys of repeatability, budget (and which of its parameters are bent most), anatomy and noise."""
     assumed = d.session.observations.noise_assumed
     scatter, budget, anatomy, noise = map(d.posterior.hyperparameter, (SCATTER, BUDGET, ANATOMY, NOISE))
     repeatability: dict[str, float | None] = {f"{key}_pct": 100.0 * v for key, v in _with_sd(scatter).items()}

@@ -300,12 +300,7 @@ class Readings:
 
 
 def readings_of(model: Model, observations: Observations) -> Readings:
-    """Collect what the tests need of a session.
-
-    Args:
-        model: gives postures their Jacobian and orientation, sutures their direction, and the budget.
-        observations: of the session.
-    """
+    """Collect what the tests need: of the model only postures' kinematics, sutures' direction and budget are used."""
     finger = model.finger
     tips = tip_kinematics_batch(finger.topology, jax_values(finger.values), observations.inputs.posture)
     tension = np.asarray(observations.inputs.tension)

@@ -26,12 +26,7 @@ STANDARD_GRAVITY = 9.80665
 
 
 def nulls(model: Model, observations: Observations) -> tuple[Null, ...]:
-    """Test what needs no tendon points.
-
-    Args:
-        model: its joints, its sutures' direction and its budget are used, its tendons are not.
-        observations: of one session.
-    """
+    """Test what needs no tendon points; the model's joints, its sutures' direction and its budget are used."""
     readings = readings_of(model, observations)
     tests = (balance, fds_no_dip_torque, superposition, load_levels, repeats, moments_closure)
     return tuple(test(readings) for test in tests)

@@ -147,12 +147,7 @@ def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
 
 
 def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = None) -> Plan:
-    """Rank the feasible load cases by what they would tell.
-
-    Args:
-        diagnosis: with its explanations.
-        cases: that the rig could run; by default what it has shown that it can.
-    """
+    """Rank the load cases that the rig could run, by default what it has shown that it can, by what they would tell."""
     if diagnosis.faults:
         return Plan((), {}, (), "No load case tests an explanation before the session is corrected.")
     if diagnosis.verdict.kind == "none_of_catalogue":

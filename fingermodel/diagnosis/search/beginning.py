@@ -222,10 +222,6 @@ def unlike_sound(session: Session, slips: Mapping[int, Explained]) -> tuple[int,
     """Cases taken for bad that no slip explains, and no sound fitted case is like: something may act there alone.
 
     Alike are cases at one mount in which the same tendons are loaded together.
-
-    Args:
-        session: whose cases.
-        slips: of each case taken for bad.
     """
     fitted, out = np.unique(session.rows[session.fitted] // 6).tolist(), list[int]()
     for of_set in np.unique(session.load_sets[list(slips)]) if slips else ():

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fingermodel.arrays import Floats
-from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.beginning import Beginner, Beginning, explained, odds_of_taken
@@ -46,7 +46,6 @@ class Offer(NamedTuple):
 class Searched:
     """Everything that was fitted, and what the rest promises."""
 
-    hyper: Hyperparameters  # axes of the hyperparameters
     fits: dict[Explanation, Optimum]  # the best optimum of each explanation
     promised: dict[Explanation, Promise]  # to explanations that were not fitted
     plain: Node  # node at which a refit counts, scatter and noise as the readings have them with all candidates free
@@ -101,14 +100,12 @@ class _Search:
 
     def searched(self, bad: dict[int, float], slips: dict[int, Explained]) -> Searched:
         """What was found, with what is known of the cases taken for bad."""
-        return Searched(self._hyper, self.fits, self._rest(), self.begun.plain, bad, slips)
+        return Searched(self.fits, self._rest(), self.begun.plain, bad, slips)
 
     def explained(self, most: int, before: Mapping[Explanation, Optimum] | None = None) -> _Search:
         """The same once explanations are fitted; no further ones once there were so many fits.
 
-        Args:
-            most: fits.
-            before: fits beside fewer bad cases; with those that come near the best this search begins.
+        It begins with those of fits beside fewer bad cases, where there are some, that come near the best.
         """
         if before is None:
             self._first_fits(self.begun.every)

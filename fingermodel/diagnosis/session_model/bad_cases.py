@@ -80,12 +80,7 @@ class Apart:
 
 
 def gain_if_bad(information: Floats, score: Floats) -> Floats:
-    """Log evidence (…) gained by letting readings be off, with N(0, 1) weights.
-
-    Args:
-        information: (…, L, L) of these weights, everything else left open.
-        score: (…, L) of them.
-    """
+    """Log evidence (…) gained by letting readings be off, by N(0, 1) weights of information (…, L, L), score (…, L)."""
     inner = information + np.eye(information.shape[-1])
     solved = np.linalg.solve(inner, score[..., None])[..., 0]
     return 0.5 * (score * solved).sum(axis=-1) - 0.5 * np.linalg.slogdet(inner)[1]

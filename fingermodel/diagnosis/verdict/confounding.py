@@ -41,9 +41,7 @@ class Confounding:
 def confounding(base: Optimum, candidates: Candidates) -> Confounding:
     """Compare what the candidates change beyond noise and all that the base model absorbs, nothing smooth allowed for.
 
-    Args:
-        base: the base model, linearised.
-        candidates: each in its first form.
+    Of each its first form is taken.
     """
     node = base.hyper.without_smooth(base.best)
     quadratic, parameters = base.effects_at(node)

@@ -6,7 +6,7 @@ It is shown, and conditions nothing. Everything is asked of the linearised model
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -62,19 +62,12 @@ class Sensitivity:
             "rests_on": list(self.rests_on),
             "budget_multiple_at_which_it_fails": self.budget_multiple_at_which_it_fails,
             "sagittal_alone": self.sagittal_alone,
-            "assumptions": [
-                {"group": a.group, "words": a.words, "probability": a.probability} for a in self.assumptions
-            ],
+            "assumptions": [asdict(a) for a in self.assumptions],
         }
 
 
 def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
-    """Ask the explanations that matter again.
-
-    Args:
-        posterior: of the session.
-        verdict: that was read from it.
-    """
+    """Ask the explanations that matter again how probable what the verdict says is."""
     ranked = sorted(posterior.fits.values(), key=posterior.weight, reverse=True)
     asked = list(dict.fromkeys([*ranked[:_ASKED], posterior.nothing]))
     said = _statement(verdict, posterior)

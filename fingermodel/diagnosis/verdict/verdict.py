@@ -81,12 +81,7 @@ def judge(
 
 
 def with_unlike(verdict: Verdict, cases: Sequence[str]) -> Verdict:
-    """The verdict where cases stand apart that no slip explains, and that no other fitted case is like.
-
-    Args:
-        verdict: without them.
-        cases: their ids.
-    """
+    """The verdict where cases (ids) stand apart that no slip explains, and that no other fitted case is like."""
     them = "them" if len(cases) > 1 else "it"
     what = (
         f"no slip explains the readings of {words(cases)}, and no other fitted case loads the same tendons at the same "
@@ -100,12 +95,8 @@ def with_unlike(verdict: Verdict, cases: Sequence[str]) -> Verdict:
 def doubted(verdict: Verdict, fit: Optimum, trend: Trend) -> Verdict:
     """The verdict where what is left goes with time or load: where that is less than what is found, it stands.
 
-    Where it is of the same quantity, the law itself changes, and by more than a tenth it is another one.
-
-    Args:
-        verdict: without it.
-        fit: what the verdict would add.
-        trend: of what that leaves.
+    Where it is of the same quantity, the law itself changes, and by more than a tenth it is another one. The fit is of
+    what the verdict would add.
     """
     if verdict.kind not in ("found", "nothing_missing", "one_of"):
         return verdict
