@@ -19,9 +19,9 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.beginning import Beginner, unlike_sound
 from fingermodel.diagnosis.search.search import MOST_FITS, Searched, search, unsearched
+from fingermodel.diagnosis.session_model.bad_cases import Explained
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together

@@ -13,7 +13,7 @@ from fingermodel.diagnosis.answer.where import bent, where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.curves import curve_answer
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, SCATTER
-from fingermodel.diagnosis.session_model.slip_odds import Explained
+from fingermodel.diagnosis.session_model.bad_cases import Explained
 from fingermodel.diagnosis.settings import LIVE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.diagnosis.verdict.predictive import holding, together

@@ -107,14 +107,14 @@ class Optimum(Linearised):
 
     def _climbed_from(self, starts: Sequence[Node]) -> Node:
         """Where the best of some nodes leads upwards."""
-        start = starts[int(np.argmax(self._steps.each(starts)))]
+        start = self._steps.best(starts)
         return self._steps.climbed(start, self.hyper.sizes(start))
 
     @cached_property
     def of_one(self) -> Node:
         """The mode, or a better node where what is smooth is of one tendon or of one rotation alone."""
         nodes = self.hyper.with_carriers(self.mode)
-        if self._hopeless(self.mode) or max(self._steps.each(nodes)) < self._steps.at(self.mode) - WITHIN:
+        if self._hopeless(self.mode) or max(map(self._steps.at, nodes)) < self._steps.at(self.mode) - WITHIN:
             return self.mode
         return self._steps.best([self.mode, self._climbed_from(nodes)])
 

@@ -27,10 +27,6 @@ class Steps:
             self.known[node] = self._log_joint(node)
         return self.known[node]
 
-    def each(self, nodes: Sequence[Node]) -> list[float]:
-        """The same of several."""
-        return [self.at(node) for node in nodes]
-
     def best(self, nodes: Iterable[Node]) -> Node:
         """The most probable of some nodes."""
         return max(nodes, key=self.at)
@@ -58,7 +54,7 @@ class Steps:
         Neighbours are asked of nodes that are at most `WITHIN` less probable than the best, the best first, until
         `MOST_NODES` are known.
         """
-        found = dict(zip(starts, self.each(starts), strict=True))
+        found = {node: self.at(node) for node in starts}
         ahead = set(found)
         while ahead and len(found) < MOST_NODES:
             node = max(ahead, key=lambda n: found[n])
@@ -66,7 +62,7 @@ class Steps:
                 break
             ahead.remove(node)
             new = [there for there in neighbours(node) if there not in found]
-            found |= zip(new, self.each(new), strict=True)
+            found |= {there: self.at(there) for there in new}
             ahead.update(new)
         return found
 

@@ -16,10 +16,9 @@ from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, chance_of
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, Explained, SlipsAbout, chance_of
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import P_UNLIKE, P_VALUE
 
 # One slip after another: the case that is bad, or the two that were exchanged.

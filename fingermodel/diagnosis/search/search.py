@@ -17,9 +17,8 @@ from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE,
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.beginning import Beginner, Beginning, explained, odds_of_taken
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Explained
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
-from fingermodel.diagnosis.session_model.slip_odds import Explained
 from fingermodel.diagnosis.settings import FAR, WITHIN
 
 # Most fits of a search.

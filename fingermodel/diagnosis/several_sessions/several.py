@@ -31,8 +31,8 @@ from fingermodel.diagnosis.several_sessions.several_verdict import (
     SharedEffect,
     judge_together,
 )
-from fingermodel.diagnosis.several_sessions.shared_deciding import deciding
 from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
+from fingermodel.diagnosis.several_sessions.shared_laws import deciding
 from fingermodel.session import Session
 
 # Effects that are fitted in every session: singles, and pairs of the best of them.

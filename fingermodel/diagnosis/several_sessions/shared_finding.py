@@ -13,9 +13,8 @@ from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SHARED_P, SURE
-from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
 from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
-from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
+from fingermodel.diagnosis.several_sessions.shared_laws import Deciding, SharedLaw, shared_laws
 
 
 @dataclass(frozen=True, eq=False)

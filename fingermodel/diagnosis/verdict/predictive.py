@@ -13,10 +13,9 @@ from fingermodel.comparison.comparison import rmse
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, chance_of
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, Explained, SlipsAbout, chance_of
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_UNLIKE, P_VALUE
 from fingermodel.fitting.roots import root_of
 
