@@ -15,7 +15,7 @@ import numpy as np
 from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import figure
-from fingermodel.diagnosis.model_free.budget import Readings, readings_of
+from fingermodel.diagnosis.model_free.budget import Readings
 from fingermodel.model import Model
 
 # So many loads, in so many postures, must balance at once; fewer may by chance.
@@ -89,7 +89,7 @@ def rig_mistake(model: Model, observations: Observations) -> RigMistake | None:
     Returns:
         None where readings balance as they are, or no mistake known here makes them balance.
     """
-    return mistake_in(readings_of(model, observations))
+    return mistake_in(Readings(model, observations.inputs, observations))
 
 
 def mistake_in(r: Readings) -> RigMistake | None:
