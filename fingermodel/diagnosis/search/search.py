@@ -143,17 +143,18 @@ class _Search:
         return self._prior[explanation]
 
     def _promised(
-        self, host: Optimum, offers: Sequence[Explanation], nodes: Sequence[Node]
-    ) -> dict[Explanation, float]:
-        """Log posterior that a host promises; counted so that the host's own is what it has."""
+        self, host: Optimum, offers: Sequence[Explanation], nodes: Sequence[Node] | None = None
+    ) -> dict[Explanation, Offer]:
+        """What a host promises, by default at all of `_nodes`; counted so that its own log posterior is what it has."""
         if not offers:
             return {}
+        nodes = self._nodes(host) if nodes is None else nodes
         given = [host.explanation, *offers] if host.log_prior < 0.0 else list(offers)
         values = host.promises(given, nodes)
         if host.log_prior < 0.0:
             lacking = host.log_posterior - (values[0] + host.log_prior)
             values = values[1:] + max(lacking, 0.0)
-        return {e: float(v) + self._log_prior(e) for e, v in zip(offers, values, strict=True)}
+        return {e: Offer(float(v) + self._log_prior(e), host) for e, v in zip(offers, values, strict=True)}
 
     def _nodes(self, host: Optimum) -> list[Node]:
         """A host's best node, and others at which less of what an effect may explain is explained already.
@@ -168,15 +169,15 @@ class _Search:
 
     def _first_fits(self, every: Optimum) -> None:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
-        about_base = better(self._offered(self.begun.nothing, self._singles), self._shaped(self.begun.nothing))
-        about_all = self._offered(every, self._singles)
+        about_base = better(self._promised(self.begun.nothing, self._singles), self._shaped(self.begun.nothing))
+        about_all = self._promised(every, self._singles)
         pairs = list[dict[Explanation, Offer]]()
         for host, offers in ((self.begun.nothing, about_base), (every, about_all)):
             firsts = best_forms(offers)[:_FIRST]
             # The best are fitted whatever they promise: the base is bent to do without them.
             for explanation in firsts[:_ALWAYS]:
                 self._fit(explanation, offers[explanation].host)
-            pairs.append(self._offered(host, self._candidates.pairs(firsts)))
+            pairs.append(self._promised(host, self._candidates.pairs(firsts)))
         self._fit_singles(better(about_base, about_all))
         # Two that hide each other are seen where all candidates fit, and no single would lead to them.
         hidden, both = best_forms(pairs[-1])[:1], better(*pairs)
@@ -195,11 +196,6 @@ class _Search:
                 break
             if explanation not in self.fits:
                 self._fit(explanation, offers[explanation].host)
-
-    def _offered(self, host: Optimum, explanations: Sequence[Explanation]) -> dict[Explanation, Offer]:
-        """What a host promises."""
-        promised = self._promised(host, explanations, self._nodes(host))
-        return {e: Offer(value, host) for e, value in promised.items()}
 
     def _near(self, log_posterior: float) -> bool:
         return log_posterior >= self.leader.log_posterior - WITHIN
@@ -238,7 +234,7 @@ class _Search:
         while self.begun.beginner.made < most:
             leader = self.leader
             offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in self._asked]
-            promised = self._offered(leader, offers)
+            promised = self._promised(leader, offers)
             limit = leader.log_posterior - WITHIN
             known = {e: self.fits[e].log_posterior + _MORE for e in promised if e in self.fits}
             chosen = [e for e in best_forms(promised) if promised[e].value > max(limit, known.get(e, -np.inf))][:3]
@@ -258,9 +254,10 @@ class _Search:
                 self._fit_from(explanation, start, leader.best)
         leader = self.leader
         others = [f for f in self.fits.values() if f is not leader]
-        promised = self._promised(leader, [f.explanation for f in others], self._nodes(leader))
+        promised = self._promised(leader, [f.explanation for f in others])
         for fit in others:
-            if self._near(promised[fit.explanation]) and promised[fit.explanation] > fit.log_posterior + _MORE:
+            promise = promised[fit.explanation].value
+            if self._near(promise) and promise > fit.log_posterior + _MORE:
                 self._fit_from(fit.explanation, leader.expected(fit.explanation, leader.best), fit.best)
 
     def _rest(self) -> dict[Explanation, Promise]:
@@ -272,7 +269,7 @@ class _Search:
         most = leader.log_posterior - WITHIN
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
         promised = self._promised(leader, [e for e in offers if e not in self.fits], [leader.best])
-        return {e: Promise.of(e, leader, min(value, most), self._log_prior(e)) for e, value in promised.items()}
+        return {e: Promise.of(e, leader, min(o.value, most), self._log_prior(e)) for e, o in promised.items()}
 
 
 def better(some: Mapping[Explanation, Offer], others: Mapping[Explanation, Offer]) -> dict[Explanation, Offer]:
