@@ -71,13 +71,11 @@ LEVER_MM = 10.0
 
 # --- What is said -----------------------------------------------------------------------------------------------------
 SURE = 0.9
-NOTHING_SURE = 0.8
 # Fewer identification cases decide nothing.
 LEAST_CASES = 6
 # Predictive check, and misfit of nothing missing: one chance in ten thousand is out of the question.
 P_VALUE = 1e-4
-# Below this an effect as large as its prior hardly stands out; canonical correlation from which two are one class.
-DETECTABLE = 2.0
+# Canonical correlation from which two effects are one class.
 ALIKE = 0.9
 # An explanation less probable than this is not tested by a next load case, which is worth proposing from [nat]. Of two
 # effects that sessions may share, what promises less is not fitted.
@@ -86,8 +84,6 @@ WORTH_NAT = 0.05
 
 # Shuffles by which what sessions share is held against chance: enough for one chance in a hundred.
 PERMUTATIONS = 199
-# From here on it is no chance.
-SHARED_P = 0.02
 
 # --- Numerical tolerances ---------------------------------------------------------------------------------------------
 # Log posterior of an explanation below the leader's from which it is not fitted, and of a node of the hyperparameters
@@ -95,3 +91,5 @@ SHARED_P = 0.02
 WITHIN = 2.0
 # The same from which its hyperparameters are not looked at further than where it leads upwards.
 FAR = 30.0
+# Of everything that is drawn.
+SEED = 20191107

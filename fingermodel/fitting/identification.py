@@ -24,7 +24,7 @@ from fingermodel.structure import Structure
 Floats = NDArray[np.float64]
 
 
-# Of everything that is drawn, so that a refit repeats to the last digit.
+# Of the solver's further starts, so that a refit repeats to the last digit.
 SEED = 20191107
 
 

@@ -16,7 +16,7 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
-from fingermodel.fitting.identification import SEED
+from fingermodel.diagnosis.settings import SEED
 from fingermodel.fitting.roots import root_of
 
 # Effects beyond the catalogue are shown from this probability on.

@@ -22,8 +22,8 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.session_model.case_noise import as_read, by_case
-from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SURE, WORTH_NAT
-from fingermodel.fitting.identification import SEED, slopes_of
+from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SEED, SURE, WORTH_NAT
+from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of
 from fingermodel.stages import LoadCaseInput
 

@@ -12,9 +12,12 @@ from scipy.special import expit
 from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import SHARED_P, SURE
+from fingermodel.diagnosis.settings import SURE
 from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.several_sessions.shared_laws import Deciding, SharedLaw, shared_laws
+
+# Chance that shuffled sessions gain as much, up to which a law is none.
+_NO_CHANCE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +51,7 @@ class SharedFinding:
         """Whether they share something: sure rather than an error of each one's own, no chance, of use to most."""
         p = self.permutation_p
         sure = float(expit(self.curve.log_evidence)) >= SURE
-        return sure and 2 * len(self._helped) > len(set(self.specimens)) and (p is None or p <= SHARED_P)
+        return sure and 2 * len(self._helped) > len(set(self.specimens)) and (p is None or p <= _NO_CHANCE)
 
     @property
     def _helped(self) -> list[str]:

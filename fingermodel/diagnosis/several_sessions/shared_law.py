@@ -29,7 +29,7 @@ from fingermodel.diagnosis.posterior.curves import (
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.fitting.identification import SEED
+from fingermodel.diagnosis.settings import SEED
 
 T = TypeVar("T")
 

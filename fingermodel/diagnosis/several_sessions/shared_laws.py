@@ -26,10 +26,9 @@ from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OTHERS
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
-from fingermodel.diagnosis.settings import ALIKE, WORTH_NAT
+from fingermodel.diagnosis.settings import ALIKE, SEED, WORTH_NAT
 from fingermodel.diagnosis.verdict.hints import Formula, Hint, library
 from fingermodel.diagnosis.verdict.predictive import unseen_errors
-from fingermodel.fitting.identification import SEED
 from fingermodel.stages import LoadCaseInput
 
 # Laws that are looked at closely; laws and readings that are shown; and laws between which readings would decide.

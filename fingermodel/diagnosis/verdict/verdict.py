@@ -14,13 +14,15 @@ from fingermodel.diagnosis.posterior.marginals import Posterior, summed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, FORM_NAMED, LEAST_CASES, NOTHING_SURE, OF_GROUP, P_VALUE, SURE
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, FORM_NAMED, LEAST_CASES, OF_GROUP, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.fitting.reading_errors import OTHER_SCATTER, other_scatter
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
+# Probability from which nothing is said to be missing.
+_NOTHING_SURE = 0.8
 # From this multiple on a budget or a noise is said to be larger than stated.
 _LARGER = 1.1
 # What plateau and tare do not show is more than usual from here on [N].
@@ -127,7 +129,7 @@ def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, c
         return _found(posterior, stated, candidates, classes, sure)
     if posterior.p_beyond >= SURE and not likely:
         return Verdict("none_of_catalogue", (), (), posterior.p_beyond, _beyond(posterior))
-    if posterior.p_nothing >= NOTHING_SURE:
+    if posterior.p_nothing >= _NOTHING_SURE:
         return _nothing(posterior, stated)
     for members in _classes_of(posterior, classes):
         p = posterior.of_any(members)
