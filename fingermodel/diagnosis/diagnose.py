@@ -155,9 +155,9 @@ def diagnose(
     # What would make up for a fault of the whole session is no finding, and not looked for.
     faulty = outdoes(before, beginner.most_of_any(begun))
     searched = unsearched(begun) if faulty else search(beginner, begun, most)
-    session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing
+    session = nothing.session
     fitter = Fitter(session, candidates, nothing.hyper)
     starts = [nothing.theta, session.problem.centre]
     stated, refitted = (
@@ -167,7 +167,7 @@ def diagnose(
     named = likeliest(posterior)
     fit = posterior.best_fit(named) or posterior.leader
     shares = holding(posterior, fit)
-    asked_of = [fit, posterior.leader, posterior.nothing, *(posterior.fits[e] for e in shares)]
+    asked_of = [fit, posterior.leader, nothing, *(posterior.fits[e] for e in shares)]
     checked = checks(posterior, dict.fromkeys(asked_of))
     missed = [observations.ids[case] for case in checked[fit.explanation].missed]
     verdict = judge(posterior, stated, candidates, alike, together(checked, shares), fit.explanation.names, missed)
@@ -195,7 +195,7 @@ def diagnose(
         verdict = Verdict("undecided", (), (), verdict.probability, (), (in_doubt,))
     elif verdict.kind in ("none_of_catalogue", "undecided"):
         # Beside what is sure to act by its name: what is not would explain part of what is unknown.
-        sure = posterior.best_fit(sure_names(posterior)) or posterior.nothing
+        sure = posterior.best_fit(sure_names(posterior)) or nothing
         # What is missing counts as scatter where no effect may act; with all candidates free it does not.
         node = (*searched.plain[:BUDGET], *sure.hyper.as_named(sure.best)[BUDGET:])
         found, curves = hints(sure, node), own_curves(sure, node)

@@ -17,6 +17,9 @@ from scipy.special import log_ndtr, ndtri_exp
 from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.fitting.roots import root_of, root_of_one_plus
 
+# Points by which the mass of several cut priors together is found.
+_DRAWS = 512
+
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
@@ -193,7 +196,7 @@ def log_mass_apart(mean: Floats, covariance: Floats, cut: Mask) -> float:
     return float((np.log(2.0) + log_ndtr(mean[cut] / sd)).sum())
 
 
-def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
+def _log_orthant(mean: Floats, covariance: Floats) -> float:
     """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane).
 
     What is least likely comes first (Gibson, Glasbey and Elston 1994): drawn later, hardly a point would reach it.
@@ -202,9 +205,8 @@ def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
     mean, covariance = mean[order], covariance[np.ix_(order, order)]
     factor = root_of(covariance)
     last = len(mean) - 1
-    uniform = _evenly(draws, last)
-    z = np.zeros((draws, last))
-    log_weight = np.zeros(draws)
+    uniform = _evenly(_DRAWS, last)
+    z, log_weight = np.zeros((_DRAWS, last)), np.zeros(_DRAWS)
     for i in range(len(mean)):
         limit = -(mean[i] + z[:, :i] @ factor[i, :i]) / factor[i, i]
         above = log_ndtr(-limit)

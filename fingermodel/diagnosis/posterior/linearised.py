@@ -94,7 +94,7 @@ class Linearised:
         }
 
     def unseen_about(self, x: Floats) -> tuple[Floats, Floats]:
-        """Validation readings (m,) of the model [N, N mm] at some `x`, and slopes (m, parameters) per prior width."""
+        """Validation readings (m,) of the model [N, N mm] and slopes (m, parameters), about `x` in prior widths."""
         if x.tobytes() not in self._unseen:
             session, problem = self.session, self.session.problem
             rows, theta = session.rows[~session.fitted], problem.centre + problem.scale * x

@@ -24,9 +24,8 @@ from fingermodel.diagnosis.posterior.gaussian import (
     log_mass_apart,
     screened,
 )
-from fingermodel.diagnosis.posterior.hyper import ACTING, CARRIER, FORMS, GROUPS, NOISE, SMOOTH, Node
+from fingermodel.diagnosis.posterior.hyper import ACTING, CARRIER, FORMS, GROUPS, NOISE, SMOOTH, Node, Steps, log_share
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
-from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import FAR, FORM_NAMED, WITHIN
 from fingermodel.fitting.roots import root_of_one_plus
@@ -241,7 +240,7 @@ class Optimum(Linearised):
         return self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
 
     def own_shares(self, changes: Iterable[Floats]) -> list[float]:
-        """Shares, 0 to 1, of changes (fitted readings, k) that neither anatomy nor budget could make; one of each."""
+        """Share, 0 to 1, of each change (fitted readings, k), all columns together, that no anatomy or budget makes."""
         names = [name for name in self.acting(self.best) if name in (*ACTING, *GROUPS)]
         columns = self.whitened_at(names, self.best)[0] * self.widths(names, self.best)
         root, out = root_of_one_plus(columns.T @ columns), list[float]()

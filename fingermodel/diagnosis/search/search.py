@@ -51,11 +51,6 @@ class Searched:
     bad: dict[int, float]  # log odds of each case that is taken for a bad one, by index of the case
     slips: dict[int, Explained]  # what may have been done in these instead of what was entered
 
-    @property
-    def nothing(self) -> Optimum:
-        """The base model."""
-        return self.fits[NOTHING]
-
 
 def search(beginner: Beginner, begun: Beginning, most: int = MOST_FITS) -> Searched:
     """Search on from a beginning, with so many fits at most."""

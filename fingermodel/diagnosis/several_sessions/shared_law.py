@@ -177,9 +177,7 @@ def _ascended(
     return best, reached
 
 
-def permuted(
-    searches: Sequence[StageSearch], count: int, tell: Callable[[float], None] | None = None
-) -> tuple[float, Floats]:
+def permuted(searches: Sequence[StageSearch], count: int, tell: Callable[[float], None]) -> tuple[float, Floats]:
     """What sharing gains at most, as the sessions are and with tendons and signs of each shuffled.
 
     Sessions that share nothing gain as much in any order. Those of one specimen are shuffled alike: what is its own is
@@ -206,8 +204,7 @@ def permuted(
     for k in range(count):
         of = {one: (rng.permutation(muscles), rng.choice([-1.0, 1.0], muscles)) for one in others}
         out[k] = best([of.get(one, plain) for one in specimens])
-        if tell is not None:
-            tell((k + 1) / count)
+        tell((k + 1) / count)
     return observed, out
 
 

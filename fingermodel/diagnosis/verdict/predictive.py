@@ -34,13 +34,13 @@ class Prediction:
     covariance: Floats  # (n, n) of it: noise, scatter, parameters, errors of form, something smooth
     cases: Ints  # (n,) case of each reading
     bad_size: Floats  # (n,) how far each may be off in a bad case [N, N mm]
-    x: Floats  # (parameters,) where these lie by the rest, in prior widths about the priors' centre
+    x: Floats  # (parameters,) where the rest has the parameters, in prior widths about the priors' centre
     free: Ints  # (k,) indices of those that are free
     across: Floats  # (k, n) covariance of these and the readings
 
     @property
     def with_readings(self) -> Floats:
-        """(parameters,) where they lie by these readings as well; a case that stands apart says nothing of it."""
+        """(parameters,) where these readings have them as well; a case that stands apart says nothing of it."""
         factor, out = root_of(self.covariance + _spoilt(self, _standing_apart(self))), self.x.copy()
         out[self.free] += self.across @ np.linalg.solve(factor.T, np.linalg.solve(factor, self.away))
         return out

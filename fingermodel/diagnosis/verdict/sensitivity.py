@@ -19,8 +19,8 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_NOTHING, SURE
 from fingermodel.diagnosis.verdict.verdict import Kind, Verdict
 
-# Other priors on nothing, and factors on the effects' widths and the noise's index, that are shown.
-_PRIORS, _WIDTHS, _NOISES = (0.2, 0.8), (0.5, 2.0), (2,)
+# Other priors on nothing, and factors on the effects' widths, that are shown; and steps by which noise is larger.
+_PRIORS, _WIDTHS, _NOISE = (0.2, 0.8), (0.5, 2.0), 2
 # Explanations that are asked again, besides the base model; of parts of the data that are left out, fewer.
 _ASKED, _ASKED_OF_PARTS = 4, 2
 
@@ -82,15 +82,10 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
         if p < SURE and fails is None:
             fails = float(multiple)
     noises = posterior.leader.hyper.axes[NOISE].values
-    for step in _NOISES:
-        index = min(posterior.leader.best[NOISE] + step, len(noises) - 1)
-        p = said(_again(asked, _fixed(NOISE, index)))
-        size = noises[index]
-        assumed = posterior.nothing.session.observations.noise_assumed
-        words = (
-            f"the noise is {size:.2g} times as assumed" if assumed else f"the noise is {1000.0 * size:.0f} mN larger"
-        )
-        out.append(Assumption("noise", words, p))
+    index = min(posterior.leader.best[NOISE] + _NOISE, len(noises) - 1)
+    size, assumed = noises[index], posterior.nothing.session.observations.noise_assumed
+    words = f"the noise is {size:.2g} times as assumed" if assumed else f"the noise is {1000.0 * size:.0f} mN larger"
+    out.append(Assumption("noise", words, said(_again(asked, _fixed(NOISE, index)))))
     few = list(dict.fromkeys([*ranked[:_ASKED_OF_PARTS], posterior.nothing]))
     for words, gone in _parts(posterior.nothing):
         out.append(Assumption("without", words, said(_less(few, gone))))

@@ -10,13 +10,15 @@ from fingermodel.diagnosis.posterior.hyper import (
     BUDGET,
     FAMILIES,
     GROUP,
+    MOST_NODES,
     SCATTER,
     SMOOTH,
     STATED_FACTOR,
     Hyperparameters,
     Node,
+    Steps,
+    log_share,
 )
-from fingermodel.diagnosis.posterior.steps import MOST_NODES, Steps, log_share
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.session import Session
