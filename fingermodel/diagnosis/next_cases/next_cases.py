@@ -191,16 +191,13 @@ def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCase
     model, observations = diagnosis.session.model, diagnosis.session.observations
     layout, muscles = observations.layout, model.finger.topology.muscles
     weight = float(np.asarray(observations.inputs.weight).max())
-    tension = np.zeros((len(cases), len(muscles)))
-    for i, case in enumerate(cases):
-        for muscle, mass in case.masses_g.items():
-            tension[i, muscles.index(muscle)] = mass * weight
+    masses_g = [[case.masses_g.get(muscle, 0.0) for muscle in muscles] for case in cases]
     settings = {name: k for k, (name, _) in enumerate(layout.settings)}
     mountings = {name: k for k, (name, _) in enumerate(layout.mountings)}
     n = len(cases)
     return LoadCaseInput.batch(
         posture=[observations.posture_angles[c.posture] for c in cases],
-        tension=tension,
+        tension=weight * np.array(masses_g).reshape(len(cases), len(muscles)),
         at_bone=[c.location == "bone" for c in cases],
         known_force=np.zeros((n, 3)),
         is_check=np.zeros(n, bool),

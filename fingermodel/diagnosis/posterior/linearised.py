@@ -286,7 +286,7 @@ class Linearised:
         turned = across @ new
         return new, turned, new.T @ left - turned.T @ (across @ left)
 
-    def left_out_gains(self, columns: Floats, node: Node, spread: float = 1.0) -> Floats:
+    def left_out_gains(self, columns: Floats, node: Node, spread: float) -> Floats:
         """Log density (k,) that further columns add to the cases, each case predicted from all others.
 
         Args:
