@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.machine import publish
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
+from fingermodel.diagnosis.posterior.hyper import SCATTER
 from fingermodel.fitting.reading_errors import OTHER_SCATTER
 from fingermodel.session import Session
 from tests.scattered import (
@@ -95,7 +96,7 @@ def main() -> None:
         )
         alone = sum(v.kind == "found" and set(v.names) == hidden for hidden, v in acting)
         false = sum(bool(v.kind == "found" and set(v.names) - hidden) for hidden, v in acting)
-        scatter = np.median([100.0 * d.posterior.scatter[0] for _, d in found])
+        scatter = np.median([100.0 * d.posterior.hyperparameter(SCATTER)[0] for _, d in found])
         others = [d.posterior.other_scatter for _, d in found]
         usual = [(kind.factor * np.median([o[name][0] for o in others]), kind) for name, kind in OTHER_SCATTER.items()]
         told = [*(f"{n}/{len(clean)}" for n in counts), *(f"{n}/{len(acting)}" for n in (alone, false))]

@@ -17,13 +17,11 @@ from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import BUDGET
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases, odds_of_taken, unlike_sound
-from fingermodel.diagnosis.search.beginning import Beginner
-from fingermodel.diagnosis.search.search import Searched, search, unsearched
+from fingermodel.diagnosis.search.beginning import Beginner, odds_of_taken, unlike_sound
+from fingermodel.diagnosis.search.search import MOST_FITS, Searched, search, unsearched
+from fingermodel.diagnosis.session_model.bad_cases import Explained
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.session_model.slip_odds import Explained
-from fingermodel.diagnosis.settings import MOST_FITS
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
@@ -143,16 +141,16 @@ def diagnose(
     session = session_of(model, observations, plane, held)
     candidates = Candidates.of(model, sagittal=session.plane == "sagittal", held=held)
     most = MOST_FITS * (3 if thorough else 1)
-    bad_cases = BadCases(Beginner(session, candidates, start, progress))
-    begun = bad_cases.grossly()
+    beginner = Beginner(session, candidates, start, progress)
+    begun = beginner.grossly()
     before = put_right(candidates, begun.nothing)
     # What would make up for a fault of the whole session is no finding, and not looked for.
-    faulty = outdoes(before, bad_cases.most_of_any(begun))
-    searched = unsearched(begun) if faulty else search(bad_cases, begun, most)
-    session = searched.nothing.session
+    faulty = outdoes(before, beginner.most_of_any(begun))
+    searched = unsearched(begun) if faulty else search(beginner, begun, most)
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing
-    fitter = Fitter(session, candidates, searched.hyper)
+    session = nothing.session
+    fitter = Fitter(session, candidates, nothing.hyper)
     starts = [nothing.theta, session.problem.centre]
     stated, refitted = (
         fitter.fit_at(NOTHING, starts, node, nothing.bad) for node in (stated_node(nothing), searched.plain)
@@ -161,7 +159,7 @@ def diagnose(
     named = likeliest(posterior)
     fit = posterior.best_fit(named) or posterior.leader
     shares = holding(posterior, fit)
-    asked_of = [fit, posterior.leader, posterior.nothing, *(posterior.fits[e] for e in shares)]
+    asked_of = [fit, posterior.leader, nothing, *(posterior.fits[e] for e in shares)]
     checked = checks(posterior, dict.fromkeys(asked_of))
     missed = [observations.ids[case] for case in checked[fit.explanation].missed]
     verdict = judge(posterior, stated, candidates, alike, together(checked, shares), fit.explanation.names, missed)

@@ -1,7 +1,7 @@
 """What the diagnosis assumes: priors with a meaning, thresholds of what is said, and tolerances of several modules.
 
 `docs/explanations/diagnosis.md` says in words what each prior states. What one module alone needs stands at its top:
-steps of derivatives, how many offers are fitted or shown, and thresholds of tests without a model.
+sizes of what it alone describes, how many nodes, fits or offers there are, and thresholds of tests without a model.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from fingermodel.diagnosis.axis import Axis
 # Probability that no effect acts; the rest is shared by one, two and three effects.
 P_NOTHING = 0.5
 P_SIZES = (0.62, 0.32, 0.06)
-# Share of the effects' prior that those marked `outside` the catalogue have together.
-P_OUTSIDE = 0.1
+# Probability of what is unusual: that an effect which acts is one marked `outside` the catalogue; that something smooth
+# acts; and that this is of one tendon or of one rotation alone, not of all of them.
+P_UNUSUAL = 0.1
 # Multiple of the stated budget, and of the anatomy's priors: specimens differ by more than those of one study. Each is
 # log-normal from 1 to 3; what wants more is not explained by what was stated, and something unknown acts. Below 1 one
 # multiple of all errors would take the many that happen to be small for evidence that the few others are.
@@ -24,17 +25,12 @@ MULTIPLE = Axis.log_normal([1.0, 1.41, 2.0, 2.83], 1.0, np.exp(0.6))
 FORM = Axis.half_cauchy(0.04, [0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 FORM_NAMED = 0.1
 # Something smooth [N]: an atom at none, else flat in its logarithm.
-P_SMOOTH = 0.1
-# That it is of one tendon or of one rotation alone, not of all of them.
-P_OF_ONE = 0.1
 SMOOTH_N = Axis(np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28]), np.zeros(9))
 # Scatter from case to case: of each tendon's tension, relative; of each component of the reading, relative to it; of
-# the force in every direction, relative to it; and of each joint angle [rad]. A stated scatter of the tensions is
-# believed within a factor.
+# the force in every direction, relative to it; and of each joint angle [rad].
 TENSION = Axis.size(0.7, 0.015, [0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056])
 READING = Axis.size(0.3, 0.01, [0.0, 0.005, 0.01, 0.02, 0.04])
 ANGLE_RAD = Axis.size(0.3, 1.0, [0.0, 0.5, 1.0, 2.0]).times(np.deg2rad(1.0))
-STATED_FACTOR = 1.5
 # Errors that a group of cases has in common. Those of one setting, for which the finger is clamped anew, are multiples
 # of what the budget states of a whole session; those of one weight, and of one tendon's line, of a usual scatter.
 OF_GROUP = Axis.size(0.3, 1.0, [0.0, 0.5, 1.0, 2.0, 3.0])
@@ -45,12 +41,8 @@ ASSUMED_NOISE = Axis.log_normal([0.18, 0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.
 # Power to which the evidence counts when explanations are weighed against each other. No model of a bench is complete,
 # and what it lacks is alike in neighbouring readings: they say less than as many independent ones.
 EVIDENCE_POWER = 0.7
-# A bad case: how often, and how far its force may then be off [N].
+# How often a case is bad.
 P_BAD = 0.002
-BAD_N = 1.5
-# Noise has a long tail: so many cases are off by some hundredths of a newton, and nobody made a slip [N].
-P_TAIL = 0.02
-TAIL_N = 0.05
 # That something acts which shows only in a validation case unlike any fitted one: by as much as in a bad case.
 P_UNLIKE = 0.05
 # What a bad case is: a slip of a kind, or anything. How far a load may then be off that is none of those in use,
@@ -75,33 +67,16 @@ WRONG_ANGLE_RAD, LEAST_ANGLE_RAD = np.deg2rad(20.0), np.deg2rad(8.0)
 # A fault of the whole session: how often, and how far one mount's gain may then be from 1.
 P_FAULT = 0.02
 GAIN_SPREAD = 0.3
-# How far a tension, a gain [%] or an angle [°] may change with time or load.
-TREND = 5.0
-# Share of the abduction torque that a clamp which resists twist carries as Mx and My.
-CLAMP_SHARE = 0.1
-# A lever [mm] that turns an unexplained force into an unexplained moment; postures [rad] that resemble each other.
+# A lever [mm] that turns an unexplained force into an unexplained moment.
 LEVER_MM = 10.0
-# No lever in a finger is longer [mm].
-LONGEST_MM = 100.0
-POSTURE_RAD = 0.6
-
-# Sizes of a curve that sessions share: error of a moment arm [mm], a tension [relative], a force [N] at the largest
-# load; each is as probable as any other.
-SHARED_SIZES = {
-    "arms": (0.25, 0.5, 1.0, 2.0, 4.0),
-    "tension": (0.01, 0.02, 0.04, 0.08, 0.16),
-    "force": (0.01, 0.02, 0.04, 0.08, 0.16),
-}
 
 # --- What is said -----------------------------------------------------------------------------------------------------
 SURE = 0.9
-NOTHING_SURE = 0.8
 # Fewer identification cases decide nothing.
 LEAST_CASES = 6
 # Predictive check, and misfit of nothing missing: one chance in ten thousand is out of the question.
 P_VALUE = 1e-4
-# Below this an effect as large as its prior hardly stands out; canonical correlation from which two are one class.
-DETECTABLE = 2.0
+# Canonical correlation from which two effects are one class.
 ALIKE = 0.9
 # An explanation less probable than this is not tested by a next load case, which is worth proposing from [nat]. Of two
 # effects that sessions may share, what promises less is not fitted.
@@ -110,8 +85,6 @@ WORTH_NAT = 0.05
 
 # Shuffles by which what sessions share is held against chance: enough for one chance in a hundred.
 PERMUTATIONS = 199
-# From here on it is no chance.
-SHARED_P = 0.02
 
 # --- Numerical tolerances ---------------------------------------------------------------------------------------------
 # Log posterior of an explanation below the leader's from which it is not fitted, and of a node of the hyperparameters
@@ -119,9 +92,5 @@ SHARED_P = 0.02
 WITHIN = 2.0
 # The same from which its hyperparameters are not looked at further than where it leads upwards.
 FAR = 30.0
-# Most nodes of one explanation; those beyond count as if the axes were independent of each other.
-MOST_NODES = 100
-# Most refits of a search.
-MOST_FITS = 30
 # Of everything that is drawn.
 SEED = 20191107

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import yaml
 
-from fingermodel.diagnosis.answer.answer import sentence
-from fingermodel.diagnosis.answer.rig import remarks
+from fingermodel.diagnosis.answer.answer import remarks, sentence
 from fingermodel.diagnosis.diagnose import diagnose
+from fingermodel.diagnosis.posterior.hyper import NOISE
 from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
 from tests.scattered import (
@@ -86,9 +86,9 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     d = diagnose(bench.model, noisy)
     assert d.verdict.kind == verdict
     assert d.verdict.effects == ()
-    assert d.posterior.noise[0] == pytest.approx(extra_N, rel=0.4)
+    assert d.posterior.hyperparameter(NOISE)[0] == pytest.approx(extra_N, rel=0.4)
     assert ("mN of noise beside the measured one" in "".join(d.verdict.short)) == (verdict == "undecided")
-    assert any(f"scatters by {1000.0 * d.posterior.noise[0]:.0f} mN" in line for line in remarks(d))
+    assert any(f"scatters by {1000.0 * d.posterior.hyperparameter(NOISE)[0]:.0f} mN" in line for line in remarks(d))
 
 
 @pytest.mark.parametrize("effects", [(), ("hanger_mass",)])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases
 from fingermodel.diagnosis.search.beginning import Beginner
 from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.session_model.session import session_of
@@ -23,8 +22,7 @@ OTHERS = (TorqueLaw("DIP", "FDP", "", 0.8), TorqueLaw("MCP", "EDC", "PIP", 2.0))
 def base_fit(folder: Path, seed: int, laws: tuple[TorqueLaw, ...]) -> Optimum:
     """The base model as a diagnosis of the session has it."""
     bench, observations = specimen(folder, seed, laws)
-    beginner = Beginner(session_of(bench.model, observations), Candidates.of(bench.model))
-    return BadCases(beginner).grossly().nothing
+    return Beginner(session_of(bench.model, observations), Candidates.of(bench.model)).grossly().nothing
 
 
 def found_in(

@@ -14,7 +14,6 @@ from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, GRIDS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases
 from fingermodel.diagnosis.search.beginning import Beginner
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import session_of
@@ -51,8 +50,7 @@ class Recipe:
         session = session_of(model, observations, plane, held).seen_from(about)
         candidates = Candidates.of(model, sagittal=session.plane == "sagittal")
         fitter = Fitter(session, candidates, Hyperparameters.of(session))
-        known = {c.name: c for c in candidates.all}
-        explanation = Explanation(tuple(Member(known[name], form) for name, form in self.members))
+        explanation = Explanation(tuple(Member(candidates.by_name[name], form) for name, form in self.members))
         begun = fitter.linearised(explanation, about, self.node, bad, 0.0)
         return fitter.problem(explanation, self.node, bad, begun)
 
@@ -145,8 +143,8 @@ def add_effects(
     candidates = Candidates.of(model, sagittal=sagittal, held=held)
     explanations = _explanations(model, names, candidates, sagittal=sagittal) if names else []
     # An earlier fit changes nothing of what is minimised: a refit of a refitted model stays where it is.
-    bad_cases = BadCases(Beginner(session, candidates))
-    begun = bad_cases.all_out(bad_cases.grossly())
+    beginner = Beginner(session, candidates)
+    begun = beginner.all_out(beginner.grossly())
     fitter, base = begun.fitter, begun.nothing
     also = [] if start is None else [start]
     best, alone = base, base.log_posterior - base.log_prior

@@ -8,17 +8,17 @@ from typing import Any
 
 from scipy.special import chdtrc
 
-from fingermodel.diagnosis.answer.effect_size import effect_size
-from fingermodel.diagnosis.answer.ranking import parameters_of, ranking, ready_made
-from fingermodel.diagnosis.answer.rig import of_rig, remarks
-from fingermodel.diagnosis.answer.where import where
+from fingermodel.diagnosis.answer.ranking import effect_size, parameters_of, ranking, ready_made
+from fingermodel.diagnosis.answer.where import bent, where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.curves import curve_answer
-from fingermodel.diagnosis.session_model.slip_odds import Explained
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, SCATTER
+from fingermodel.diagnosis.session_model.bad_cases import Explained
 from fingermodel.diagnosis.settings import LIVE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits, words
+from fingermodel.fitting.reading_errors import OTHER_SCATTER, other_scatter
 from fingermodel.parameters import with_unit
 
 # Effects are shown from this probability on.
@@ -30,11 +30,7 @@ _SLIPS, _SLIP = 3, 0.05
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Everything that one session's diagnosis says, without nulls and next load cases (their modules give those).
-
-    Args:
-        diagnosis: of `diagnose`.
-    """
+    """Everything that one session's diagnosis says, without nulls and next load cases (their modules give those)."""
     d, posterior, best = diagnosis, diagnosis.posterior, diagnosis.best
     nothing, verdict = posterior.nothing, diagnosis.verdict
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
@@ -96,7 +92,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "confounding": d.confounding.as_dict(),
         "detectability": {k: round(v, 3) for k, v in d.confounding.detectability.items()},
-        "candidates_searched": len(posterior.fits) + len(d.searched.promised),
+        "candidates_searched": len(posterior.weights),
         "seconds": d.seconds,
     }
 
@@ -128,12 +124,7 @@ def meaning(d: Diagnosis) -> str:
 
 
 def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
-    """Say how tests that fail go together with the verdict; empty where none fails.
-
-    Args:
-        d: the diagnosis.
-        held: parameters of effects that the model holds already.
-    """
+    """Say how tests that fail go together with the verdict, beside held effects' parameters; empty where none fails."""
     if all(n.verdict != "violated" for n in d.nulls):
         return ""
     apart = words([d.session.observations.ids[case] for case in d.suspects])
@@ -228,9 +219,7 @@ def sentence(d: Diagnosis) -> str:
             f"A fault of the whole session (probability {fault.probability:.2f}): {words}. To be sure, "
             f"{FAULT_REMEDY[fault.kind]}; then correct the session."
         )
-    titles = {e.name: e.title for e in d.session.model.effects}
-    effect_of = {c.name: c.effect for c in d.candidates.all}
-    named = [f"{titles.get(effect_of[n], n)} ({n})" for n in verdict.names]
+    named = [f"{d.candidates.by_name[n].title} ({n})" for n in verdict.names]
     if verdict.kind == "found":
         values = ", ".join(
             with_unit(f"{p['name']} = {p['value']:.3g}" + (f" ± {p['sd']:.2g}" if p["sd"] else ""), p["unit"])
@@ -257,3 +246,64 @@ def sentence(d: Diagnosis) -> str:
     leader = f" {beside}: {' and '.join(named)}, but that is not sure." if named else ""
     seen = f" What is left {d.trend.words}." if d.trend else ""
     return f"Undecided.{beyond}{leader}{seen}"
+
+
+def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
+    """Return the keys of repeatability, budget (and which of its parameters are bent most), anatomy and noise."""
+    assumed = d.session.observations.noise_assumed
+    scatter, budget, anatomy, noise = map(d.posterior.hyperparameter, (SCATTER, BUDGET, ANATOMY, NOISE))
+    repeatability: dict[str, float | None] = {f"{key}_pct": 100.0 * v for key, v in _with_sd(scatter).items()}
+    repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
+    others = d.posterior.other_scatter
+    for name, (key, unit, factor, *_) in OTHER_SCATTER.items():
+        both = [factor * v for v in others[name]] if name in others else [None, None]
+        repeatability |= dict(zip((f"{key}_{unit}", f"{key}_sd_{unit}"), both, strict=True))
+    return {
+        "repeatability": repeatability,
+        "budget_multiple": _with_sd(budget) | {"carried_by": list(bent_most)},
+        "anatomy_multiple": _with_sd(anatomy),
+        "noise_multiple": _with_sd(noise if assumed else (1.0, 0.0)) | {"assumed": assumed},
+        "extra_noise_N": None if assumed else _with_sd(noise),
+    }
+
+
+def _with_sd(of: tuple[float, float]) -> dict[str, Any]:
+    return dict(zip(("value", "sd"), of, strict=True))
+
+
+def remarks(d: Diagnosis) -> list[str]:
+    """Say what fits hold fixed elsewhere, and what repeatability, budget, anatomy and noise the readings want."""
+    out, posterior = d.session.model.parameters.fixed_elsewhere, d.posterior
+    if d.faults:
+        return out  # what they cause says nothing of the rig
+    if d.trend and d.trend.sentence not in d.verdict.short:
+        out.append(f"{d.trend.sentence}.")
+    axes = SCATTER, BUDGET, ANATOMY, NOISE
+    scatter, multiple, anatomy, noise = (posterior.hyperparameter(axis)[0] for axis in axes)
+    stated = d.session.stated_scatter
+    if scatter > max(0.004, 1.5 * stated):
+        than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
+        out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
+    if others := other_scatter({kind: value for kind, (value, _) in posterior.other_scatter.items()}):
+        out.append(f"Besides, the readings scatter by {', by '.join(others)}.")
+    if multiple > 1.5:
+        carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])
+        out.append(
+            f"The readings want a budget {multiple:.1f} times as large as stated"
+            + (f"; it is bent most in {carried}." if carried else ".")
+        )
+    if anatomy > 1.5:
+        out.append(
+            f"The specimen differs {anatomy:.1f} times as much from the finger of its file as the anatomy's priors say."
+        )
+    if d.outliers:
+        ids = ", ".join(d.session.observations.ids[case] for case in d.outliers)
+        out.append(f"Not counted: {ids}, off by more than usual noise, and by less than a slip would explain.")
+    if d.session.observations.noise_assumed:
+        out.append(
+            f"The readings state no uncertainty; this rests on {noise * d.session.model.budget.reading_sd_N:.3f} N a "
+            "component, as the readings have it."
+        )
+    elif noise >= 0.002:
+        out.append(f"Each reading scatters by {1000.0 * noise:.0f} mN beside the noise of its plateau and its tare.")
+    return out

@@ -17,7 +17,7 @@ import numpy as np
 from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import Residuals, figure
-from fingermodel.model import Model, jax_values, tip_kinematics_batch
+from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
 
 K = TypeVar("K", bound=Hashable)
 
@@ -32,17 +32,39 @@ _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
-    """A session's wrenches with what one standard deviation of each budget error changes in them."""
+class Readings(CaseChanges):
+    """A session's wrenches with what one standard deviation of each budget error changes in them.
 
-    model: Model  # of whose finger the bones and joints are used
+    Of the model only the bones, the joints, the sutures' direction and the budget are used.
+    """
+
     observations: Observations  # of the session
-    wrench: Floats  # (n, 6) [N, N mm], zero where not read
-    read: Mask  # (n, 6) whether it was
-    tension: Floats  # (n, muscles) [N]
-    jacobian: Floats  # (n, 6, rotations) of the load point, distal phalanx's axes
-    to_base: Floats  # (n, 3, 3) takes the distal phalanx's axes to the metacarpal's
-    loaded: list[int]  # indices of the cases in which a weight hangs, in order
+
+    @cached_property
+    def wrench(self) -> Floats:
+        """(n, 6) [N, N mm], zero where not read."""
+        return np.nan_to_num(self.observations.wrench)
+
+    @cached_property
+    def read(self) -> Mask:
+        """(n, 6) whether it was."""
+        return np.isfinite(self.observations.wrench)
+
+    @cached_property
+    def tension(self) -> Floats:
+        """(n, muscles) [N]."""
+        return np.asarray(self.inputs.tension)
+
+    @cached_property
+    def at_bone(self) -> Mask:
+        """(n,) whether the cell was at the bone."""
+        return np.asarray(self.inputs.at_bone)
+
+    @cached_property
+    def loaded(self) -> list[int]:
+        """Indices of the cases in which a weight hangs, in order."""
+        usable = self.read[:, :3].all(axis=1) & (self.load > 0.0) & ~np.asarray(self.inputs.is_check)
+        return np.flatnonzero(usable).tolist()
 
     @cached_property
     def masses(self) -> tuple[tuple[tuple[str, float], ...], ...]:
@@ -61,17 +83,17 @@ class Readings:
     @cached_property
     def setting(self) -> list[int]:
         """Setting of each case's posture."""
-        return [int(x) for x in np.asarray(self.observations.inputs.setting)]
+        return np.asarray(self.inputs.setting).tolist()
 
     @cached_property
     def mounting(self) -> list[int]:
         """Mounting of the cell in each case."""
-        return [int(x) for x in np.asarray(self.observations.inputs.mounting)]
+        return np.asarray(self.inputs.mounting).tolist()
 
     @cached_property
     def unloading(self) -> list[bool]:
         """Whether weight had come off last."""
-        return [bool(x) for x in np.asarray(self.observations.inputs.unloading)]
+        return np.asarray(self.inputs.unloading).tolist()
 
     def place(self, case: int) -> tuple[str, str]:
         """Posture and mount of a case."""
@@ -120,7 +142,7 @@ class Readings:
 
     def newton_per_gram(self, case: int) -> float:
         """What a gram pulls at the finger."""
-        return float(np.asarray(self.observations.inputs.weight)[case])
+        return float(np.asarray(self.inputs.weight)[case])
 
     def forces(self, weights: Floats) -> Residuals:
         """Sums of forces: weights (k, n) of the cases give 3 k residuals, x, y, z of each sum in turn."""
@@ -157,8 +179,7 @@ class Readings:
         Moment arms matter only between settings.
         """
         touched = np.any(weights != 0.0, axis=2)
-        at_bone = np.array([x == "bone" for x in self.observations.locations])
-        both = touched[:, at_bone].any(axis=1) & touched[:, ~at_bone].any(axis=1)
+        both = touched[:, self.at_bone].any(axis=1) & touched[:, ~self.at_bone].any(axis=1)
         anew = np.sum(touched.astype(float) @ self._set > 0.0, axis=1) > 1
         out = []
         for errors, concerned in zip(self.angles, (both | anew, anew), strict=True):
@@ -250,8 +271,7 @@ class Readings:
         """
         n = len(self.wrench)
         sd = np.deg2rad(self.model.budget.angle_sd_deg)
-        at_bone = np.array([x == "bone" for x in self.observations.locations])
-        tip = self._tip_wrench(at_bone)
+        tip = self._tip_wrench()
         reactions = list(self.model.finger.topology.reactions)
         spin, velocity = self.jacobian[:, 3:].swapaxes(1, 2), self.jacobian[:, :3].swapaxes(1, 2)
         rotations = spin.shape[1]
@@ -262,12 +282,11 @@ class Readings:
         change = np.concatenate([moved, spun], axis=-1) * np.tri(rotations, k=-1)[None, :, :, None]
         force = np.zeros((n, 6, rotations))
         force[:, reactions] = -np.linalg.solve(lever, np.einsum("njic,nc->nij", change, tip))
-        turned = np.cross(spin, tip[:, None, :3]).swapaxes(1, 2)
-        by_angle = self._as_read(force, turned, at_bone)
+        # The metacarpal sees the tip's force turned as well.
+        force[self.at_bone, :3] += np.cross(spin, tip[:, None, :3]).swapaxes(1, 2)[self.at_bone]
+        by_angle = self.as_read(force.swapaxes(1, 2)).swapaxes(1, 2)
         torque = np.einsum("nic,nc->ni", lever, tip[:, reactions])
-        arms = np.zeros((n, 6, rotations))
-        arms[:, reactions] = _ARM_PER_RAD * np.linalg.solve(lever, torque[:, :, None] * np.eye(rotations))
-        by_arm = self._as_read(arms, np.zeros((n, 3, rotations)), at_bone)
+        by_arm = _ARM_PER_RAD * (self.torque_answer * torque[:, :, None]).swapaxes(1, 2)
         own = list(self.groups(range(n), lambda i: (self.setting[i], self.mix[i])).values())
         alike = np.zeros((n, len(own)))
         for group, cases in enumerate(own):
@@ -277,18 +296,12 @@ class Readings:
             np.einsum("ncr,ng->ncgr", sd * by_arm, alike).reshape(6 * n, -1),
         )
 
-    def _as_read(self, change: Floats, turned: Floats, at_bone: Mask) -> Floats:
-        """Change of the tip wrench (n, 6, errors), and of its direction (n, 3, errors), as the cell sees it."""
-        at_base = np.zeros_like(change)
-        at_base[:, :3] = -self.to_base @ (change[:, :3] + turned)
-        return np.where(at_bone[:, None, None], at_base, change)
-
-    def _tip_wrench(self, at_bone: Mask) -> Floats:
+    def _tip_wrench(self) -> Floats:
         """(n, 6) tip wrench of every case, from its balance where the bone was read and the tip never was."""
         tip = self.wrench.copy()
         read = self.groups(self.at("tip"), lambda i: (self.observations.postures[i], self.masses[i]))
         pull = self.tension @ np.asarray(self.model.finger.values.suture)
-        for i in np.flatnonzero(at_bone):
+        for i in np.flatnonzero(self.at_bone):
             same = read.get((self.observations.postures[i], self.masses[i]))
             if same:
                 tip[i] = self.wrench[same].mean(axis=0)
@@ -297,26 +310,3 @@ class Readings:
                 tip[i, 3:] = 0.0
         carried = np.isin(np.arange(6), self.model.finger.topology.reactions)
         return np.where(carried, tip, 0.0)
-
-
-def readings_of(model: Model, observations: Observations) -> Readings:
-    """Collect what the tests need of a session.
-
-    Args:
-        model: gives postures their Jacobian and orientation, sutures their direction, and the budget.
-        observations: of the session.
-    """
-    finger = model.finger
-    tips = tip_kinematics_batch(finger.topology, jax_values(finger.values), observations.inputs.posture)
-    tension = np.asarray(observations.inputs.tension)
-    usable = np.isfinite(observations.wrench[:, :3]).all(axis=1) & (tension.sum(axis=1) > 0.0)
-    return Readings(
-        model=model,
-        observations=observations,
-        wrench=np.nan_to_num(observations.wrench),
-        read=np.isfinite(observations.wrench),
-        tension=tension,
-        jacobian=np.asarray(tips.jacobian),
-        to_base=np.asarray(tips.to_base),
-        loaded=[i for i in np.flatnonzero(usable).tolist() if observations.roles[i] != "check"],
-    )

@@ -15,7 +15,7 @@ import numpy as np
 from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import figure
-from fingermodel.diagnosis.model_free.budget import Readings, readings_of
+from fingermodel.diagnosis.model_free.budget import Readings
 from fingermodel.model import Model
 
 # So many loads, in so many postures, must balance at once; fewer may by chance.
@@ -45,34 +45,13 @@ MINUS = "\N{MINUS SIGN}"
 
 @dataclass(frozen=True, eq=False)
 class _Way:
-    """One way to read the cell: what makes true forces (3, 3) of those stated, at the tip and at the bone."""
+    """One way to read the cell."""
 
-    tip: Floats
-    bone: Floats
-    tip_in_base: bool = False
-
-    @property
-    def steps(self) -> int:
-        """How much would have gone wrong."""
-        return max(_steps(self.tip), _steps(self.bone)) + 2 * self.tip_in_base
-
-    @property
-    def concerned(self) -> str:
-        """Which forces."""
-        at = [place for place, axes in (("tip", self.tip), ("bone", self.bone)) if _steps(axes)]
-        return f"the forces at the {at[0]}" if len(at) == 1 else "the forces"
-
-    def words(self) -> str:
-        """What would have to be done with them; nothing, where they are read as stated."""
-        if self.tip_in_base:
-            return "at the tip taken as along the metacarpal's axes"
-        axes = self.tip if _steps(self.tip) else self.bone
-        if not _steps(axes):
-            return ""
-        if np.array_equal(axes, -_AS_STATED):
-            return "turned round, as those on the finger have to be"
-        names = [f"{'' if row.sum() > 0.0 else MINUS}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in axes]
-        return f"taken as ({', '.join(names)}) instead of (x, y, z)"
+    tip: Floats  # (3, 3) what makes true forces of those stated at the tip
+    bone: Floats  # (3, 3) likewise at the bone
+    steps: int = 0  # how much would have gone wrong
+    words: str = ""  # which forces would have to be read so, and what that is; empty, where they are read as stated
+    tip_in_base: bool = False  # whether the tip's forces are along the metacarpal's axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +89,7 @@ def rig_mistake(model: Model, observations: Observations) -> RigMistake | None:
     Returns:
         None where readings balance as they are, or no mistake known here makes them balance.
     """
-    return mistake_in(readings_of(model, observations))
+    return mistake_in(Readings(model, observations.inputs, observations))
 
 
 def mistake_in(r: Readings) -> RigMistake | None:
@@ -176,25 +155,31 @@ def _ways() -> Iterator[_Way]:
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             axes = np.diag(signs) @ np.eye(3)[list(order)]
-            yield _Way(axes, axes)
-            if _steps(axes):
-                yield _Way(axes, _AS_STATED)
-                yield _Way(_AS_STATED, axes)
-    yield _Way(_AS_STATED, _AS_STATED, tip_in_base=True)
-
-
-def _steps(axes: Floats) -> int:
-    """How much has gone wrong with axes: all turned round is one mistake, else each that is another is one."""
-    return 1 if np.array_equal(axes, -_AS_STATED) else int(np.any(axes != _AS_STATED, axis=1).sum())
+            # All turned round is one mistake, else each axis that is another is one.
+            if np.array_equal(axes, -_AS_STATED):
+                steps, words = 1, "turned round, as those on the finger have to be"
+            else:
+                steps = int(np.any(axes != _AS_STATED, axis=1).sum())
+                names = [f"{'' if row.sum() > 0.0 else MINUS}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in axes]
+                words = f"taken as ({', '.join(names)}) instead of (x, y, z)"
+            if not steps:
+                yield _Way(axes, axes)
+                continue
+            yield _Way(axes, axes, steps, f"the forces {words}")
+            yield _Way(axes, _AS_STATED, steps, f"the forces at the tip {words}")
+            yield _Way(_AS_STATED, axes, steps, f"the forces at the bone {words}")
+    words = "the forces at the tip taken as along the metacarpal's axes"
+    yield _Way(_AS_STATED, _AS_STATED, 2, words, tip_in_base=True)
 
 
 def _worded(factor: float, way: _Way) -> str:
-    done = [way.words()] if way.words() else []
-    if _another_unit(factor):
-        units = [u for u, n in UNITS_N.items() if 1.0 / LIKE_THE_UNIT < factor / n < LIKE_THE_UNIT]
-        as_if = f"as {units[0]} have to be; " if units else ""
-        done.append(f"made {_times(factor)} times as large ({as_if}or the weights {_times(1.0 / factor)} times)")
-    return f"were {way.concerned} {' and '.join(done)}"
+    """What would have to be done: axes taken another way, forces in another unit, or both."""
+    if not _another_unit(factor):
+        return f"were {way.words}"
+    units = [u for u, n in UNITS_N.items() if 1.0 / LIKE_THE_UNIT < factor / n < LIKE_THE_UNIT]
+    as_if = f"as {units[0]} have to be; " if units else ""
+    larger = f"made {_times(factor)} times as large ({as_if}or the weights {_times(1.0 / factor)} times)"
+    return f"were {way.words} and {larger}" if way.steps else f"were the forces {larger}"
 
 
 def _another_unit(factor: float) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import Null, Residuals, concluded, count, figure, not_tested, pm
-from fingermodel.diagnosis.model_free.budget import Readings, readings_of
+from fingermodel.diagnosis.model_free.budget import Readings
 from fingermodel.diagnosis.model_free.frames import mistake_in
 from fingermodel.diagnosis.model_free.loads import load_levels, repeats, superposition
 from fingermodel.fingers import COMPONENTS
@@ -26,13 +26,8 @@ STANDARD_GRAVITY = 9.80665
 
 
 def nulls(model: Model, observations: Observations) -> tuple[Null, ...]:
-    """Test what needs no tendon points.
-
-    Args:
-        model: its joints, its sutures' direction and its budget are used, its tendons are not.
-        observations: of one session.
-    """
-    readings = readings_of(model, observations)
+    """Test what needs no tendon points; the model's joints, its sutures' direction and its budget are used."""
+    readings = Readings(model, observations.inputs, observations)
     tests = (balance, fds_no_dip_torque, superposition, load_levels, repeats, moments_closure)
     return tuple(test(readings) for test in tests)
 

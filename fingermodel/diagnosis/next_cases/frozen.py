@@ -23,6 +23,7 @@ from daq.files import replacing
 from daq.quoting import counted
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.next_cases.next_cases import BOTH, Plan
+from fingermodel.diagnosis.verdict.predictive import log_normal
 
 FORMAT = "fingertwin-frozen/1"
 # A prediction holds unless noise would be further away once in a hundred times …
@@ -71,14 +72,12 @@ def freeze(
         "known_cases": list(known),
         "explanations": plan.explanations,
         "cases": [
-            {
-                "posture": c.case.posture,
-                "location": c.case.location,
-                "masses_g": c.case.masses_g,
+            c.case.as_dict()
+            | {
                 "predictions": {
                     name: {"mean": mean.tolist(), "covariance": covariance.tolist()}
                     for name, (mean, covariance) in c.predictions.items()
-                },
+                }
             }
             for c in plan.cases
         ],
@@ -148,10 +147,8 @@ def score(
                 mean, covariance = np.array(predicted["mean"]), np.array(predicted["covariance"])
                 y = observations.wrench[i, [0, 1, 2, 5][: len(mean)]]
                 seen = np.isfinite(y)
-                part = covariance[np.ix_(seen, seen)]
-                away = (y - mean)[seen]
-                z2 = float(away @ np.linalg.solve(part, away))
-                logs[name] += -0.5 * z2 - 0.5 * float(np.linalg.slogdet(part)[1])
+                log, z2 = log_normal((y - mean)[seen], covariance[np.ix_(seen, seen)])
+                logs[name] += log
                 if name == finding:
                     distance += z2
                     freedom += int(seen.sum())

@@ -147,12 +147,7 @@ def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
 
 
 def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = None) -> Plan:
-    """Rank the feasible load cases by what they would tell.
-
-    Args:
-        diagnosis: with its explanations.
-        cases: that the rig could run; by default what it has shown that it can.
-    """
+    """Rank the load cases that the rig could run, by default what it has shown that it can, by what they would tell."""
     if diagnosis.faults:
         return Plan((), {}, (), "No load case tests an explanation before the session is corrected.")
     if diagnosis.verdict.kind == "none_of_catalogue":
@@ -173,12 +168,8 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
         out.append(NextCase(case, told, _parted(names, each, prior), probability, each, tests))
     out.sort(key=lambda c: -c.information_nat)
     best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
-    shown_by = {effect.name: effect.shown_by for effect in diagnosis.session.model.effects if effect.shown_by}
-    instruments = tuple(
-        dict.fromkeys(
-            f"{shown_by[e]} ({e})" for fit, _ in live.values() for e in fit.explanation.effects if e in shown_by
-        )
-    )
+    acting = [m.candidate for fit, _ in live.values() for m in fit.explanation.members]
+    instruments = tuple(dict.fromkeys(f"{c.shown_by} ({c.effect})" for c in acting if c.shown_by))
     if best:
         text = f"Next: {best[0].as_dict()['text']}."
     else:
@@ -200,16 +191,13 @@ def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCase
     model, observations = diagnosis.session.model, diagnosis.session.observations
     layout, muscles = observations.layout, model.finger.topology.muscles
     weight = float(np.asarray(observations.inputs.weight).max())
-    tension = np.zeros((len(cases), len(muscles)))
-    for i, case in enumerate(cases):
-        for muscle, mass in case.masses_g.items():
-            tension[i, muscles.index(muscle)] = mass * weight
+    masses_g = [[case.masses_g.get(muscle, 0.0) for muscle in muscles] for case in cases]
     settings = {name: k for k, (name, _) in enumerate(layout.settings)}
     mountings = {name: k for k, (name, _) in enumerate(layout.mountings)}
     n = len(cases)
     return LoadCaseInput.batch(
         posture=[observations.posture_angles[c.posture] for c in cases],
-        tension=tension,
+        tension=weight * np.array(masses_g).reshape(len(cases), len(muscles)),
         at_bone=[c.location == "bone" for c in cases],
         known_force=np.zeros((n, 3)),
         is_check=np.zeros(n, bool),

@@ -1,6 +1,7 @@
 """Smooth curves beside all that acts: an error of moment arms, tensions or forces, of each tendon, over postures.
 
-A session says of a curve's weights what its readings do; what several sessions say of the same weights adds up.
+A session says of a curve's weights what its readings do, as a quadratic whose value is that without the curve; what
+several sessions say of the same weights adds up.
 """
 
 from __future__ import annotations
@@ -10,39 +11,29 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats, Ints
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.discrepancy import smooth_over
-from fingermodel.diagnosis.settings import SHARED_SIZES
-from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 
 Stage = Literal["arms", "tension", "force"]
 STAGES: tuple[Stage, ...] = ("arms", "tension", "force")
 UNITS: dict[Stage, str] = {"arms": "mm", "tension": "1", "force": "N"}
 WHAT: dict[Stage, str] = {"arms": "moment arms", "tension": "tensions", "force": "forces"}
+# Sizes of a curve: error of a moment arm, a tension, a force at the largest load; each is as probable as any other.
+SIZES: dict[Stage, tuple[float, ...]] = {
+    "arms": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "tension": (0.01, 0.02, 0.04, 0.08, 0.16),
+    "force": (0.01, 0.02, 0.04, 0.08, 0.16),
+}
 # Smallest variance of a posture's feature that is kept, of a largest of 1 a posture.
 _LEAST_FEATURE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Said:
-    """What one session says of a curve's weights at one node of its hyperparameters."""
-
-    log_joint: float  # of the node, without the curve
-    information: Floats  # (m, m) of the weights
-    score: Floats  # (m,)
-
-    def turned(self, order: Ints, sign: Floats) -> Said:
-        """The same of other weights: in another order, and of another sign."""
-        information = self.information[np.ix_(order, order)] * sign[:, None] * sign
-        return Said(self.log_joint, information, self.score[order] * sign)
-
-
-def gain(said: Sequence[Said], size: float, kept: Ints | None = None) -> float:
+def gain(said: Sequence[Quadratic], size: float, kept: Ints | None = None) -> float:
     """Log evidence that weights of a size add to what some sessions say, all other things integrated out.
 
     Args:
@@ -50,15 +41,12 @@ def gain(said: Sequence[Said], size: float, kept: Ints | None = None) -> float:
         size: of the weights, in their unit.
         kept: indices of the weights that may act; by default all.
     """
-    if not said or size == 0.0:
+    if not said:
         return 0.0
-    information = np.sum([s.information for s in said], axis=0) * size**2
-    score = np.sum([s.score for s in said], axis=0) * size
-    if kept is not None:
-        information, score = information[np.ix_(kept, kept)], score[kept]
-    root = root_of_one_plus(information)
-    step = solve_triangular(root, score, lower=True, check_finite=False)
-    return float(0.5 * step @ step - np.log(np.diag(root)).sum())
+    whole = Quadratic.of_all(said)
+    widths = np.zeros(len(whole.gradient))
+    widths[slice(None) if kept is None else kept] = size
+    return whole.freed(widths, np.zeros(len(widths)), 0).log_evidence + 0.5 * whole.value
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +59,7 @@ class Curve:
 
 
 class Curves:
-    """The curves of several sessions, over the postures of all of them.
-
-    Args:
-        fits: of each session, with whatever is known to act there by itself.
-    """
+    """The curves of several sessions, over all their postures, beside whatever is known to act in each by itself."""
 
     def __init__(self, fits: Sequence[Optimum]) -> None:
         self._fits = fits
@@ -180,20 +164,18 @@ class SmoothCurve:
         }
 
 
-def values_of(curves: Curves, said: Sequence[Said], size: float) -> tuple[Floats, Floats]:
+def values_of(curves: Curves, said: Sequence[Quadratic], size: float) -> tuple[Floats, Floats]:
     """Mean and standard deviation (parts, postures) of a curve, in the stage's unit."""
-    information = np.sum([s.information for s in said], axis=0) * size**2
-    inverse = inverse_of(root_of_one_plus(information))
-    covariance = inverse.T @ inverse
-    weights = covariance @ np.sum([s.score for s in said], axis=0) * size
     root, features = curves.root, curves.root.shape[1]
-    mean = size * weights.reshape(-1, features) @ root.T
-    blocks = covariance.reshape(-1, features, len(covariance) // features, features)
-    variance = size**2 * np.einsum("pf,kfkg,pg->kp", root, blocks, root)
+    whole = Quadratic.of_all(said)
+    found = whole.of_size(size, len(whole.gradient))
+    mean = found.mean.reshape(-1, features) @ root.T
+    blocks = found.covariance.reshape(-1, features, len(found.mean) // features, features)
+    variance = np.einsum("pf,kfkg,pg->kp", root, blocks, root)
     return mean, np.sqrt(np.maximum(variance, 0.0))
 
 
-def described(curves: Curves, curve: Curve, said: Sequence[Said], size: float, log_evidence: float) -> SmoothCurve:
+def described(curves: Curves, curve: Curve, said: Sequence[Quadratic], size: float, log_evidence: float) -> SmoothCurve:
     """Describe a curve of some size by what sessions say."""
     count, features, whole = len(curve.parts), curves.root.shape[1], gain(said, size)
     every = np.arange(count * features).reshape(count, features)
@@ -211,11 +193,11 @@ def own_curves(fit: Optimum, node: Node) -> tuple[SmoothCurve, ...]:
     """
     curves, out = Curves([fit]), []
     for stage in STAGES:
-        curve, sizes = curves.of(fit, stage), SHARED_SIZES[stage]
-        said = [Said(0.0, *fit.information(curve.columns, node))]
-        gains = [gain(said, size) for size in sizes]
+        curve, sizes = curves.of(fit, stage), SIZES[stage]
+        said = fit.quadratic_of(curve.columns, node)
+        gains = [said.of_size(size).log_evidence for size in sizes]
         evidence = float(logsumexp(gains) - np.log(len(sizes)))
-        out.append(described(curves, curve, said, sizes[int(np.argmax(gains))], evidence))
+        out.append(described(curves, curve, [said], sizes[int(np.argmax(gains))], evidence))
     return tuple(sorted(out, key=lambda c: -c.log_evidence))
 
 

@@ -88,7 +88,7 @@ class Fitter:
         explanation: Explanation,
         starts: Sequence[Floats],
         node: Node,
-        bad: frozenset[int] = frozenset(),
+        bad: frozenset[int],
         floor: float = _FLOOR,
     ) -> Optimum:
         """Fit from some starts under the hyperparameters of one node, which stay as they are; the least misfit.

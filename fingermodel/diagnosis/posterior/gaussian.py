@@ -6,6 +6,7 @@ readings. All factorisations are of 1 + w G w, which is positive definite for an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,6 +16,9 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.fitting.roots import root_of, root_of_one_plus
+
+# Points by which the mass of several cut priors together is found.
+_DRAWS = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +32,24 @@ class Quadratic:
     gradient: Floats  # (k,)
     hessian: Floats  # (k, k)
     log_det: float  # ln det of the noise and of all that is eliminated: ln det(1 + w G w)
+
+    @classmethod
+    def of_all(cls, parts: Sequence[Quadratic]) -> Quadratic:
+        """What several say of the same weights, all together."""
+        value, log_det = sum(q.value for q in parts), sum(q.log_det for q in parts)
+        return cls(
+            value, np.sum([q.gradient for q in parts], axis=0), np.sum([q.hessian for q in parts], axis=0), log_det
+        )
+
+    def turned(self, order: Ints, sign: Floats) -> Quadratic:
+        """The same of other weights: in another order, and of another sign."""
+        hessian = self.hessian[np.ix_(order, order)] * sign[:, None] * sign
+        return Quadratic(self.value, self.gradient[order] * sign, hessian, self.log_det)
+
+    def of_size(self, size: float, last: int = 0) -> Freed:
+        """All weights with priors of one width about where they are, and what the last of them are."""
+        count = len(self.gradient)
+        return self.freed(np.full(count, size), np.zeros(count), last)
 
     def eliminated(self, index: Ints, weight: Floats, x: Floats) -> Quadratic:
         """Give some weights their priors, and leave them at their best.
@@ -174,7 +196,7 @@ def log_mass_apart(mean: Floats, covariance: Floats, cut: Mask) -> float:
     return float((np.log(2.0) + log_ndtr(mean[cut] / sd)).sum())
 
 
-def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
+def _log_orthant(mean: Floats, covariance: Floats) -> float:
     """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane).
 
     What is least likely comes first (Gibson, Glasbey and Elston 1994): drawn later, hardly a point would reach it.
@@ -183,9 +205,8 @@ def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
     mean, covariance = mean[order], covariance[np.ix_(order, order)]
     factor = root_of(covariance)
     last = len(mean) - 1
-    uniform = _evenly(draws, last)
-    z = np.zeros((draws, last))
-    log_weight = np.zeros(draws)
+    uniform = _evenly(_DRAWS, last)
+    z, log_weight = np.zeros((_DRAWS, last)), np.zeros(_DRAWS)
     for i in range(len(mean)):
         limit = -(mean[i] + z[:, :i] @ factor[i, :i]) / factor[i, i]
         above = log_ndtr(-limit)
@@ -198,12 +219,7 @@ def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
 
 
 def gain_of_each(information: Floats, score: Floats) -> Floats:
-    """Log evidence (…) that weights with N(0, 1) priors add, each by itself.
-
-    Args:
-        information: (…) of each weight.
-        score: (…) of each.
-    """
+    """Log evidence (…) that weights with N(0, 1) priors add, each by itself; of each its information and score (…)."""
     return 0.5 * score**2 / (1.0 + information) - 0.5 * np.log1p(information)
 
 

@@ -1,14 +1,17 @@
-"""The few hyperparameters and their priors on a grid."""
+"""The few hyperparameters and their priors on a grid, and the nodes that matter.
+
+These are the most probable one, and those around it that are hardly less probable.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats
 from fingermodel.diagnosis import settings
@@ -36,9 +39,11 @@ CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
 # Blocks of weights that act at every node (see `Linearised`); those of errors by group have the names of `GROUPS`.
 ACTING = ("held", "budget", "anatomy")
-# Scatter of a usual bench, relative.
-_USUAL_SCATTER = 0.01
+# Scatter of a usual bench, relative; and the factor within which a stated one is believed.
+_USUAL_SCATTER, STATED_FACTOR = 0.01, 1.5
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.READING, settings.READING, settings.ANGLE_RAD)
+# Most nodes of one explanation; those beyond count as if the axes were independent of each other.
+MOST_NODES = 100
 # A node that was kept means the same only where this is the same: the axes in their order, and their values.
 _GRIDS = [axis.value for axis in vars(settings).values() if isinstance(axis, Axis)]
 _AXES = (CaseErrors._fields, ACTING[1:], GROUPS, FAMILIES, _GRIDS)
@@ -68,6 +73,8 @@ class Hyperparameters:
     tendons: int  # how many of them are tendons
     postures: int  # how many of them, the last, are postures
     noise_assumed: bool  # whether the readings' noise is; its axis is then a multiple
+    _smooth: dict[Node, dict[str, float]] = field(default_factory=dict, init=False, repr=False)
+    _widths: dict[Node, dict[str, float]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, session: Session) -> Hyperparameters:
@@ -75,13 +82,13 @@ class Hyperparameters:
         stated, assumed = session.stated_scatter, session.observations.noise_assumed
         scatter, noise, *others = _SIZES
         if stated > 0.0:
-            scatter = Axis.log_normal(scatter.values, stated, settings.STATED_FACTOR)
+            scatter = Axis.log_normal(scatter.values, stated, STATED_FACTOR)
         if assumed:
             noise = settings.ASSUMED_NOISE
-        multiple, smooth = settings.MULTIPLE, settings.SMOOTH_N.with_atom(settings.P_SMOOTH / len(FAMILIES))
+        multiple, smooth = settings.MULTIPLE, settings.SMOOTH_N.with_atom(settings.P_UNUSUAL / len(FAMILIES))
         carriers = session.changes.carriers
-        of_one = settings.P_OF_ONE / (len(carriers) - 1)
-        of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
+        of_one = settings.P_UNUSUAL / (len(carriers) - 1)
+        of_each = np.log([1.0 - settings.P_UNUSUAL, *[of_one] * (len(carriers) - 1)])
         carrier = Axis(np.arange(float(len(carriers))), of_each)
         of_groups = [
             settings.OF_GROUP.times(size) if size * session.errors.by_group[name].any() else Axis.none()
@@ -197,10 +204,6 @@ class Hyperparameters:
             self._smooth[key] = {f"{f}:{c}": v for f, c, v in zip(FAMILIES, of_family, sizes, strict=True) if v > 0.0}
         return self._smooth[key]
 
-    @cached_property
-    def _smooth(self) -> dict[Node, dict[str, float]]:
-        return {}
-
     def block_widths(self, node: Node) -> dict[str, float]:
         """Widths of the priors of the weights that act at a node, by their block (see `Linearised`).
 
@@ -213,10 +216,6 @@ class Hyperparameters:
             forms = {f"form{k}": error for k, error in enumerate(values.forms.tolist()) if error > 0.0}
             self._widths[node] = always | of_groups | self.smooth_blocks(node) | forms
         return self._widths[node]
-
-    @cached_property
-    def _widths(self) -> dict[Node, dict[str, float]]:
-        return {}
 
     def without_smooth(self, node: Node) -> Node:
         """The same node without anything smooth."""
@@ -277,3 +276,75 @@ class Hyperparameters:
 def _of_one_family(own: str, size: int) -> tuple[int, ...]:
     """Amplitudes by family of what is smooth in one of them alone, as indices on their axes."""
     return tuple(size * (family == own) for family in FAMILIES)
+
+
+class Steps:
+    """Steps between nodes, none of which is asked for its log joint twice; `known` are those that were asked for."""
+
+    def __init__(self, log_joint: Callable[[Node], float]) -> None:
+        self._log_joint = log_joint
+        self.known: dict[Node, float] = {}
+
+    def at(self, node: Node) -> float:
+        """Log joint of a node."""
+        if node not in self.known:
+            self.known[node] = self._log_joint(node)
+        return self.known[node]
+
+    def best(self, nodes: Iterable[Node]) -> Node:
+        """The most probable of some nodes."""
+        return max(nodes, key=self.at)
+
+    def climbed(self, start: Node, sizes: Sequence[int]) -> Node:
+        """From a node along one axis after another to the best of its values, until none of them has a better one."""
+        node, axis, stood = start, 0, 0
+        while stood < len(sizes):
+            before = node
+            for step in (1, -1):
+                while 0 <= node[axis] + step < sizes[axis]:
+                    trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
+                    if self.at(trial) <= self.at(node):
+                        break
+                    node = trial
+                if node != before:
+                    break
+            stood = stood + 1 if node == before else 1
+            axis = (axis + 1) % len(sizes)
+        return node
+
+    def explored(self, starts: Sequence[Node], neighbours: Callable[[Node], list[Node]]) -> dict[Node, float]:
+        """Log joint of the nodes that matter: from the best one outwards, until all beyond are improbable.
+
+        Neighbours are asked of nodes that are at most `WITHIN` less probable than the best, the best first, until
+        `MOST_NODES` are known.
+        """
+        found = {node: self.at(node) for node in starts}
+        ahead = set(found)
+        while ahead and len(found) < MOST_NODES:
+            node = max(ahead, key=lambda n: found[n])
+            if found[node] < max(found.values()) - settings.WITHIN:
+                break
+            ahead.remove(node)
+            new = [there for there in neighbours(node) if there not in found]
+            found |= {there: self.at(there) for there in new}
+            ahead.update(new)
+        return found
+
+
+def log_share(found: Mapping[Node, float]) -> float:
+    """Log of the share of all that is probable which some nodes have, if the axes are independent of each other.
+
+    Each axis is told by the log joint of the nodes that differ from the best one on it alone.
+    """
+    best = max(found, key=lambda n: found[n])
+    nodes, ratio = np.array(list(found)), np.array(list(found.values())) - found[best]
+    away = nodes != np.array(best)
+    log_ratio, log_total = np.zeros(len(nodes)), 0.0
+    for axis, index in enumerate(best):
+        alone = away[:, axis] & (away.sum(axis=1) == 1)
+        of_index = np.full(nodes[:, axis].max() + 1, -np.inf)
+        of_index[nodes[alone, axis]] = ratio[alone]
+        of_index[index] = 0.0
+        log_ratio += of_index[nodes[:, axis]]
+        log_total += float(logsumexp(of_index))
+    return float(logsumexp(log_ratio)) - log_total

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -50,10 +50,13 @@ class Linearised:
     slopes: Floats  # (n, parameters) of the model, per prior width
     changes: tuple[Floats, ...]  # (cases, 6) by each member [N, N mm]
     bad: frozenset[int]  # cases whose reading may be anything
-
-    @cached_property
-    def _inner(self) -> dict[Node, Whitened]:
-        return {}
+    # What is asked once: by scatter and noise of a node, by what a quadratic is of, and by block.
+    _inner: dict[Node, Whitened] = field(default_factory=dict, init=False, repr=False)
+    _steep: dict[Node, bool] = field(default_factory=dict, init=False, repr=False)
+    _latest: dict[tuple[object, ...], Quadratic] = field(default_factory=dict, init=False, repr=False)
+    _sizes: dict[str, int] = field(default_factory=dict, init=False, repr=False)
+    # Of the validation readings, by the parameters about which they are linearised.
+    _unseen: dict[bytes, tuple[Floats, Floats]] = field(default_factory=dict, init=False, repr=False)
 
     def but(self, **changed: Any) -> Self:
         """The same optimum with other readings or bad cases; errors of form stay those that are found here."""
@@ -63,8 +66,9 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_latest", "_steps", "_unseen"):
-            self.__dict__.pop(name, None)
+        for known in (self._inner, self._latest, self._unseen):
+            known.clear()
+        self.__dict__.pop("_steps", None)
 
     @cached_property
     def x(self) -> Floats:
@@ -90,11 +94,7 @@ class Linearised:
         }
 
     def unseen_about(self, x: Floats) -> tuple[Floats, Floats]:
-        """Validation readings (m,) of the model [N, N mm], and their slopes (m, parameters) per prior width.
-
-        Args:
-            x: (parameters,) in prior widths about the priors' centre.
-        """
+        """Validation readings (m,) of the model [N, N mm] and slopes (m, parameters), about `x` in prior widths."""
         if x.tobytes() not in self._unseen:
             session, problem = self.session, self.session.problem
             rows, theta = session.rows[~session.fitted], problem.centre + problem.scale * x
@@ -102,10 +102,6 @@ class Linearised:
             reading = session.changes.readings(theta).reshape(-1)[rows]
             self._unseen[x.tobytes()] = reading, -slopes_of(replace(problem, free=free), theta, rows)
         return self._unseen[x.tobytes()]
-
-    @cached_property
-    def _unseen(self) -> dict[bytes, tuple[Floats, Floats]]:
-        return {}
 
     @cached_property
     def form_errors(self) -> list[Floats]:
@@ -174,10 +170,6 @@ class Linearised:
         own = self.x[self.parameters_of[name]] if name in self.parameters_of else np.zeros(0)
         return np.concatenate([own, np.zeros(self.size(name) - len(own))])
 
-    @cached_property
-    def _sizes(self) -> dict[str, int]:
-        return {}
-
     def size(self, name: str) -> int:
         """How many columns a block has."""
         if name not in self._sizes:
@@ -221,10 +213,6 @@ class Linearised:
             self._steep[key] = max(float((s**2).sum(axis=0).max(initial=0.0)) for s in slopes) > _STEEP
         return self._steep[key]
 
-    @cached_property
-    def _steep(self) -> dict[Node, bool]:
-        return {}
-
     def _assembled(self, inner: Whitened, names: Sequence[str]) -> Quadratic:
         spans = self.spans(names)
         count = spans[-1].stop if spans else 0
@@ -236,10 +224,6 @@ class Linearised:
                 hessian[of_b, of_a] = hessian[of_a, of_b].T
         misfit = float(inner.inner(RESIDUAL, RESIDUAL)[0, 0])
         return Quadratic(misfit, gradient, hessian, inner.noise.log_det)
-
-    @cached_property
-    def _latest(self) -> dict[tuple[object, ...], Quadratic]:
-        return {}
 
     def _inner_at(self, node: Node) -> Whitened:
         key = node[OF_CASES]
@@ -279,30 +263,22 @@ class Linearised:
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
 
     def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
-        """What the readings say of further columns, each by itself, beside everything that acts at a node.
+        """What the readings say of each of further columns by itself: information (k,) and score (k,) of its weight.
 
-        Args:
-            columns: (fitted readings, k) change of the readings [N, N mm] per unit of its weight.
-            node: of the hyperparameters.
-
-        Returns:
-            Information (k,) of each weight, and its score (k,).
+        Columns and node are those of `quadratic_of`.
         """
         new, turned, score = self._beside(columns, node)
         return np.maximum((new**2).sum(axis=0) - (turned**2).sum(axis=0), 0.0), score
 
-    def information(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
-        """What the readings say of further columns together, beside everything that acts at a node.
+    def quadratic_of(self, columns: Floats, node: Node) -> Quadratic:
+        """What the readings say of the weights of further columns together, beside everything that acts at a node.
 
         Args:
             columns: (fitted readings, k) change of the readings [N, N mm] per unit of each weight.
             node: of the hyperparameters.
-
-        Returns:
-            Information (k, k) of the weights, and their score (k,).
         """
         new, turned, score = self._beside(columns, node)
-        return new.T @ new - turned.T @ turned, score
+        return Quadratic(0.0, score, new.T @ new - turned.T @ turned, 0.0)
 
     def _beside(self, columns: Floats, node: Node) -> tuple[Floats, Floats, Floats]:
         """Further columns whitened, and turned into what all that acts takes away of them; score of their weights."""
@@ -310,7 +286,7 @@ class Linearised:
         turned = across @ new
         return new, turned, new.T @ left - turned.T @ (across @ left)
 
-    def left_out_gains(self, columns: Floats, node: Node, spread: float = 1.0) -> Floats:
+    def left_out_gains(self, columns: Floats, node: Node, spread: float) -> Floats:
         """Log density (k,) that further columns add to the cases, each case predicted from all others.
 
         Args:

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, GROUPS, NOISE, OTHER_SCATTER, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import GROUPS, OTHER_SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import EVIDENCE_POWER
@@ -87,7 +87,7 @@ class Promise:
     def of(cls, explanation: Explanation, host: Optimum, log_posterior: float, log_prior: float) -> Promise:
         """At a host's most probable node: something smooth acts there, and the host's errors of form as it has them."""
         has = set(host.explanation.members)
-        known, beyond = host.own.named(host.best)
+        known, beyond = host.named(host.best)
         if not has <= set(explanation.members):
             has, known, beyond = set(), frozenset(), host.hyper.smooth_newton(host.best)
         new = frozenset(m.candidate.name for m in explanation.members if m not in has and not m.candidate.outside)
@@ -125,7 +125,7 @@ class Posterior:
         total, entries = float(logsumexp(list(weights.values()))), []
         for explanation, fit in fits.items():
             for node, value in of_fits[explanation][1].items():
-                named, beyond = fit.own.named(node)
+                named, beyond = fit.named(node)
                 entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - total))))
         for e, p in promised.items():
             entries.append(Entry(e, None, None, p.named, p.beyond_newton, float(np.exp(weights[e] - total))))
@@ -203,33 +203,13 @@ class Posterior:
         return max(chosen, key=lambda f: f.log_posterior, default=None)
 
     def hyperparameter(self, axis: int) -> tuple[float, float]:
-        """Mean and standard deviation of scatter, noise, budget or smooth, whatever acts."""
+        """Mean and standard deviation of what an axis is of, such as `SCATTER` or `BUDGET`, whatever acts."""
         grid = self.nothing.hyper.axes[axis]
         known = [(e.probability, e.node[axis]) for e in self.entries if e.node]
         weight, at = np.array([p for p, _ in known]), np.array([k for _, k in known])
         mean = float(weight @ grid.values[at] / weight.sum())
         variance = weight @ ((grid.values[at] - mean) ** 2 + grid.within[at] ** 2) / weight.sum()
         return mean, float(np.sqrt(variance))
-
-    @property
-    def scatter(self) -> tuple[float, float]:
-        """Of the tensions from case to case, relative: mean and standard deviation."""
-        return self.hyperparameter(SCATTER)
-
-    @property
-    def budget(self) -> tuple[float, float]:
-        """Multiple of the stated budget: mean and standard deviation."""
-        return self.hyperparameter(BUDGET)
-
-    @property
-    def anatomy(self) -> tuple[float, float]:
-        """Multiple of the widths of the anatomy's priors: mean and standard deviation."""
-        return self.hyperparameter(ANATOMY)
-
-    @property
-    def noise(self) -> tuple[float, float]:
-        """How large noise is (see `CaseErrors`): mean and standard deviation."""
-        return self.hyperparameter(NOISE)
 
     @property
     def other_scatter(self) -> dict[str, tuple[float, float]]:

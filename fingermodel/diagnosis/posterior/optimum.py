@@ -1,13 +1,17 @@
-"""An explanation at its optimum: its evidence over the hyperparameters, and what the linearised session says there."""
+"""An explanation at its optimum: its evidence over the hyperparameters, and what the linearised session says there.
+
+What of its changes neither anatomy nor budget could make is their own part; by that, members have their name or not.
+"""
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats, Ints, Mask
@@ -20,12 +24,11 @@ from fingermodel.diagnosis.posterior.gaussian import (
     log_mass_apart,
     screened,
 )
-from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node
+from fingermodel.diagnosis.posterior.hyper import ACTING, CARRIER, FORMS, GROUPS, NOISE, SMOOTH, Node, Steps, log_share
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
-from fingermodel.diagnosis.posterior.own_part import OwnPart
-from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.settings import FAR, WITHIN
+from fingermodel.diagnosis.settings import FAR, FORM_NAMED, WITHIN
+from fingermodel.fitting.roots import root_of_one_plus
 
 # Prior widths from its null at which a parameter begins of which nothing is known.
 _AWAY = 0.5
@@ -44,6 +47,9 @@ class Optimum(Linearised):
     unkept: float
     # Log posterior of the leader when it was fitted; an explanation far below needs no more than a rough one.
     leader: float = -np.inf
+    # What is asked once: shares of something smooth that neither anatomy nor budget could make, by block, and names.
+    _shares: dict[str, float] = field(default_factory=dict, init=False, repr=False)
+    _named: dict[Node, tuple[frozenset[str], float]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def settled(self) -> bool:
@@ -55,7 +61,7 @@ class Optimum(Linearised):
         return np.asarray(self.session.model.parameters.one_sided[self.parameters_of[OWN]])
 
     def freed(self, node: Node, width: float = 1.0) -> Freed:
-        """The explanation's own parameters at a node, all else left open; `width` as of `log_joint`."""
+        """The explanation's own parameters at a node, all else left open; `width` multiplies that of their priors."""
         names, own = [*self.acting(node), OWN], self.size(OWN)
         widths, places = self.widths(names, node), self.places(names)
         widths[len(widths) - own :] *= width
@@ -68,12 +74,7 @@ class Optimum(Linearised):
         return Freed(freed.misfit, log_det, width * freed.mean, width**2 * freed.covariance)
 
     def log_joint(self, node: Node, width: float = 1.0) -> float:
-        """Log of prior times likelihood at a node, everything linear integrated out.
-
-        Args:
-            node: of the hyperparameters.
-            width: factor on the widths of the effects' priors.
-        """
+        """Log of prior times likelihood at a node, everything linear integrated out; `width` is that of `freed`."""
         freed = self.freed(node, width)
         found = freed.log_evidence + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
         return self.log_prior - 0.5 * self.unkept + self.hyper.log_prior(node) + found
@@ -105,14 +106,14 @@ class Optimum(Linearised):
 
     def _climbed_from(self, starts: Sequence[Node]) -> Node:
         """Where the best of some nodes leads upwards."""
-        start = starts[int(np.argmax(self._steps.each(starts)))]
+        start = self._steps.best(starts)
         return self._steps.climbed(start, self.hyper.sizes(start))
 
     @cached_property
     def of_one(self) -> Node:
         """The mode, or a better node where what is smooth is of one tendon or of one rotation alone."""
         nodes = self.hyper.with_carriers(self.mode)
-        if self._hopeless(self.mode) or max(self._steps.each(nodes)) < self._steps.at(self.mode) - WITHIN:
+        if self._hopeless(self.mode) or max(map(self._steps.at, nodes)) < self._steps.at(self.mode) - WITHIN:
             return self.mode
         return self._steps.best([self.mode, self._climbed_from(nodes)])
 
@@ -143,22 +144,12 @@ class Optimum(Linearised):
         return max(self.nodes, key=lambda n: self.nodes[n])
 
     @cached_property
-    def own(self) -> OwnPart:
-        """What of all that acts neither anatomy nor budget could do, and what it makes of names."""
-        return OwnPart(self, self.best)
-
-    @cached_property
     def log_posterior(self) -> float:
         """Of the explanation, hyperparameters summed; without a constant that all explanations share."""
         return float(logsumexp(list(self.nodes.values())))
 
     def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints]:
-        """All candidates' parameters, all else left open at a node; and their indices.
-
-        Args:
-            node: of the hyperparameters.
-            forms: whether the errors of form that are found here may act.
-        """
+        """All candidates' parameters, all else left open at a node, errors of form or not; and their indices."""
         first = [n for n in self.acting(node) if forms or not n.startswith("form")]
         widths, whole = self.widths(first, node), self.quadratic([*first, OWN, OTHERS], node)
         left = whole.eliminated(np.arange(len(widths)), widths, self.places(first))
@@ -247,3 +238,62 @@ class Optimum(Linearised):
         turned = np.column_stack([left, left[:, None] + changed])
         misfit = (turned**2).sum(axis=0) - ((across @ turned) ** 2).sum(axis=0)
         return self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
+
+    def own_shares(self, changes: Iterable[Floats]) -> list[float]:
+        """Share, 0 to 1, of each change (fitted readings, k), all columns together, that no anatomy or budget makes."""
+        names = [name for name in self.acting(self.best) if name in (*ACTING, *GROUPS)]
+        columns = self.whitened_at(names, self.best)[0] * self.widths(names, self.best)
+        root, out = root_of_one_plus(columns.T @ columns), list[float]()
+        whitening = self.whitening(self.best)
+        for change in changes:
+            new = whitening @ change
+            absorbed = solve_triangular(root, columns.T @ new, lower=True, check_finite=False)
+            # Of the whole the tares have taken their part already.
+            own, whole = float((new**2).sum() - (absorbed**2).sum()), float((whitening.of_case(change) ** 2).sum())
+            out.append(float(np.sqrt(max(own / whole, 0.0))) if whole > 0.0 else 0.0)
+        return out
+
+    @cached_property
+    def own_newton(self) -> dict[str, float]:
+        """Own size of each member [N]: less what a bent finger or rig undoes of it."""
+        rows = self.session.rows[self.session.fitted]
+        shares = self.own_shares(change.reshape(-1)[rows, None] for change in self.changes)
+        return {n: self.sizes_newton[n] * s for n, s in zip(self.explanation.names, shares, strict=True)}
+
+    def own_smooth_newton(self, node: Node) -> float:
+        """Own size of what is smooth at a node [N]."""
+        blocks = self.hyper.smooth_blocks(node)
+        if new := sorted(blocks.keys() - self._shares.keys()):
+            shares = self.own_shares(self.block(name, self.session.fitted, self.slopes) for name in new)
+            self._shares.update(zip(new, shares, strict=True))
+        return max((size * self._shares[name] for name, size in blocks.items()), default=0.0)
+
+    def named(self, node: Node) -> tuple[frozenset[str], float]:
+        """Which members act by their name at a node, and how large what no name describes is [N].
+
+        Held against each other is the own part of both: an effect may be large because a bent finger undoes nearly all
+        of it.
+        """
+        # Scatter, noise and widths change the size of nothing.
+        key = node[SMOOTH:]
+        if key not in self._named:
+            self._named[key] = self._names_at(node)
+        return self._named[key]
+
+    def _names_at(self, node: Node) -> tuple[frozenset[str], float]:
+        sizes, own = self.sizes_newton, self.own_newton
+        unknown, right = [(self.hyper.smooth_newton(node), self.own_smooth_newton(node))], list[str]()
+        errors = iter(node[FORMS:])
+        for member in self.explanation.members:
+            name = member.candidate.name
+            error = self.hyper.form.value[next(errors)] if member.candidate.has_form else 0.0
+            if member.candidate.outside:
+                unknown.append((sizes[name], own[name]))
+            elif error > FORM_NAMED:
+                unknown.append((error * sizes[name], error * own[name]))
+            else:
+                right.append(name)
+        beyond, largest = (max(each) for each in zip(*unknown, strict=True))
+        # With something unknown, a bent finger and a form as wrong as a name allows might make all of an effect.
+        least = {name: max(largest, FORM_NAMED * sizes[name] if largest > 0.0 else 0.0) for name in right}
+        return frozenset(name for name in right if own[name] > least[name]), beyond

@@ -13,16 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from fingermodel.arrays import Floats
-from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import BadCases, explained, odds_of_taken
-from fingermodel.diagnosis.search.beginning import Beginning
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
+from fingermodel.diagnosis.search.beginning import Beginner, Beginning, explained, odds_of_taken
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Explained
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
-from fingermodel.diagnosis.session_model.slip_odds import Explained
-from fingermodel.diagnosis.settings import FAR, MOST_FITS, WITHIN
+from fingermodel.diagnosis.settings import FAR, WITHIN
 
+# Most fits of a search.
+MOST_FITS = 30
 # Singles from which pairs are made, and most pairs that are fitted first; and singles that are fitted whatever they
 # promise, about the base and about where all candidates fit.
 _FIRST, _ALWAYS = 8, 3
@@ -45,24 +45,18 @@ class Offer(NamedTuple):
 class Searched:
     """Everything that was fitted, and what the rest promises."""
 
-    hyper: Hyperparameters  # axes of the hyperparameters
     fits: dict[Explanation, Optimum]  # the best optimum of each explanation
     promised: dict[Explanation, Promise]  # to explanations that were not fitted
     plain: Node  # node at which a refit counts, scatter and noise as the readings have them with all candidates free
     bad: dict[int, float]  # log odds of each case that is taken for a bad one, by index of the case
     slips: dict[int, Explained]  # what may have been done in these instead of what was entered
 
-    @property
-    def nothing(self) -> Optimum:
-        """The base model."""
-        return self.fits[NOTHING]
 
-
-def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Searched:
+def search(beginner: Beginner, begun: Beginning, most: int = MOST_FITS) -> Searched:
     """Search on from a beginning, with so many fits at most."""
-    found = _Search(bad_cases.all_out(begun)).explained(most)
-    while cases := bad_cases.overlooked(found.begun, found.fits.values()):
-        other = _Search(bad_cases.beginner.beside((*found.begun.slips, cases))).explained(most, found.fits)
+    found = _Search(beginner.all_out(begun)).explained(most)
+    while cases := beginner.overlooked(found.begun, found.fits.values()):
+        other = _Search(beginner.beside((*found.begun.slips, cases))).explained(most, found.fits)
         slips = explained(other.leader, cases)
         gain = max((one.gain for one in slips.values()), default=0.0)
         if other.leader.log_posterior + LOG_PRIOR_ODDS + gain <= found.leader.log_posterior:
@@ -100,14 +94,12 @@ class _Search:
 
     def searched(self, bad: dict[int, float], slips: dict[int, Explained]) -> Searched:
         """What was found, with what is known of the cases taken for bad."""
-        return Searched(self._hyper, self.fits, self._rest(), self.begun.plain, bad, slips)
+        return Searched(self.fits, self._rest(), self.begun.plain, bad, slips)
 
     def explained(self, most: int, before: Mapping[Explanation, Optimum] | None = None) -> _Search:
         """The same once explanations are fitted; no further ones once there were so many fits.
 
-        Args:
-            most: fits.
-            before: fits beside fewer bad cases; with those that come near the best this search begins.
+        It begins with those of fits beside fewer bad cases, where there are some, that come near the best.
         """
         if before is None:
             self._first_fits(self.begun.every)
@@ -146,17 +138,18 @@ class _Search:
         return self._prior[explanation]
 
     def _promised(
-        self, host: Optimum, offers: Sequence[Explanation], nodes: Sequence[Node]
-    ) -> dict[Explanation, float]:
-        """Log posterior that a host promises; counted so that the host's own is what it has."""
+        self, host: Optimum, offers: Sequence[Explanation], nodes: Sequence[Node] | None = None
+    ) -> dict[Explanation, Offer]:
+        """What a host promises, by default at all of `_nodes`; counted so that its own log posterior is what it has."""
         if not offers:
             return {}
+        nodes = self._nodes(host) if nodes is None else nodes
         given = [host.explanation, *offers] if host.log_prior < 0.0 else list(offers)
         values = host.promises(given, nodes)
         if host.log_prior < 0.0:
             lacking = host.log_posterior - (values[0] + host.log_prior)
             values = values[1:] + max(lacking, 0.0)
-        return {e: float(v) + self._log_prior(e) for e, v in zip(offers, values, strict=True)}
+        return {e: Offer(float(v) + self._log_prior(e), host) for e, v in zip(offers, values, strict=True)}
 
     def _nodes(self, host: Optimum) -> list[Node]:
         """A host's best node, and others at which less of what an effect may explain is explained already.
@@ -171,15 +164,15 @@ class _Search:
 
     def _first_fits(self, every: Optimum) -> None:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
-        about_base = better(self._offered(self.begun.nothing, self._singles), self._shaped(self.begun.nothing))
-        about_all = self._offered(every, self._singles)
+        about_base = better(self._promised(self.begun.nothing, self._singles), self._shaped(self.begun.nothing))
+        about_all = self._promised(every, self._singles)
         pairs = list[dict[Explanation, Offer]]()
         for host, offers in ((self.begun.nothing, about_base), (every, about_all)):
             firsts = best_forms(offers)[:_FIRST]
             # The best are fitted whatever they promise: the base is bent to do without them.
             for explanation in firsts[:_ALWAYS]:
                 self._fit(explanation, offers[explanation].host)
-            pairs.append(self._offered(host, self._candidates.pairs(firsts)))
+            pairs.append(self._promised(host, self._candidates.pairs(firsts)))
         self._fit_singles(better(about_base, about_all))
         # Two that hide each other are seen where all candidates fit, and no single would lead to them.
         hidden, both = best_forms(pairs[-1])[:1], better(*pairs)
@@ -198,11 +191,6 @@ class _Search:
                 break
             if explanation not in self.fits:
                 self._fit(explanation, offers[explanation].host)
-
-    def _offered(self, host: Optimum, explanations: Sequence[Explanation]) -> dict[Explanation, Offer]:
-        """What a host promises."""
-        promised = self._promised(host, explanations, self._nodes(host))
-        return {e: Offer(value, host) for e, value in promised.items()}
 
     def _near(self, log_posterior: float) -> bool:
         return log_posterior >= self.leader.log_posterior - WITHIN
@@ -241,7 +229,7 @@ class _Search:
         while self.begun.beginner.made < most:
             leader = self.leader
             offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in self._asked]
-            promised = self._offered(leader, offers)
+            promised = self._promised(leader, offers)
             limit = leader.log_posterior - WITHIN
             known = {e: self.fits[e].log_posterior + _MORE for e in promised if e in self.fits}
             chosen = [e for e in best_forms(promised) if promised[e].value > max(limit, known.get(e, -np.inf))][:3]
@@ -261,9 +249,10 @@ class _Search:
                 self._fit_from(explanation, start, leader.best)
         leader = self.leader
         others = [f for f in self.fits.values() if f is not leader]
-        promised = self._promised(leader, [f.explanation for f in others], self._nodes(leader))
+        promised = self._promised(leader, [f.explanation for f in others])
         for fit in others:
-            if self._near(promised[fit.explanation]) and promised[fit.explanation] > fit.log_posterior + _MORE:
+            promise = promised[fit.explanation].value
+            if self._near(promise) and promise > fit.log_posterior + _MORE:
                 self._fit_from(fit.explanation, leader.expected(fit.explanation, leader.best), fit.best)
 
     def _rest(self) -> dict[Explanation, Promise]:
@@ -275,7 +264,7 @@ class _Search:
         most = leader.log_posterior - WITHIN
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
         promised = self._promised(leader, [e for e in offers if e not in self.fits], [leader.best])
-        return {e: Promise.of(e, leader, min(value, most), self._log_prior(e)) for e, value in promised.items()}
+        return {e: Promise.of(e, leader, min(o.value, most), self._log_prior(e)) for e, o in promised.items()}
 
 
 def better(some: Mapping[Explanation, Offer], others: Mapping[Explanation, Offer]) -> dict[Explanation, Offer]:

@@ -12,7 +12,7 @@ from math import factorial, prod
 import numpy as np
 
 from fingermodel.arrays import Mask
-from fingermodel.diagnosis.settings import P_NOTHING, P_OUTSIDE, P_SIZES
+from fingermodel.diagnosis.settings import P_NOTHING, P_SIZES, P_UNUSUAL
 from fingermodel.fitting.problems import out_of_plane
 from fingermodel.model import Model
 
@@ -26,6 +26,8 @@ class Candidate:
     forms: tuple[tuple[int, ...], ...]  # each a set of indices of parameters; they share the candidate's prior
     share: float  # of its effect's prior
     outside: bool = False  # whether its effect is marked as outside the catalogue
+    title: str = ""  # of its effect
+    shown_by: str = ""  # what measurement would show its effect
 
     @property
     def has_form(self) -> bool:
@@ -104,20 +106,26 @@ class Candidates:
                     found[name] = kept
             share = 1.0 / max(len(found), 1)
             new = {name: forms for name, forms in found.items() if had.isdisjoint(i for form in forms for i in form)}
-            out += [Candidate(name, effect.name, forms, share, effect.outside) for name, forms in new.items()]
+            of_effect = effect.outside, effect.title, effect.shown_by
+            out += [Candidate(name, effect.name, forms, share, *of_effect) for name, forms in new.items()]
         return cls(tuple(out))
 
     @cached_property
+    def by_name(self) -> dict[str, Candidate]:
+        """Each by its name, in their order."""
+        return {c.name: c for c in self.all}
+
+    @cached_property
     def _order(self) -> dict[str, int]:
-        return {c.name: k for k, c in enumerate(self.all)}
+        return {name: k for k, name in enumerate(self.by_name)}
 
     @cached_property
     def _weights(self) -> dict[str, float]:
         """Share of the prior that each effect has among those of its size."""
         inside = {c.effect for c in self.all if not c.outside}
         outside = {c.effect for c in self.all if c.outside}
-        weight = {e: (1.0 - P_OUTSIDE) / max(len(inside), 1) for e in inside}
-        return weight | {e: P_OUTSIDE / len(outside) for e in outside}
+        weight = {e: (1.0 - P_UNUSUAL) / max(len(inside), 1) for e in inside}
+        return weight | {e: P_UNUSUAL / len(outside) for e in outside}
 
     @cached_property
     def singles(self) -> list[Explanation]:

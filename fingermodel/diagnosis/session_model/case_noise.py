@@ -95,12 +95,7 @@ class CaseNoise:
         return cls(tuple(groups), bad_size, cases, unit, assumed)
 
     def covariances(self, errors: CaseErrors, bad: Collection[int]) -> list[tuple[Ints, Floats]]:
-        """Ints and covariance (g, L, L) of each group.
-
-        Args:
-            errors: how large they are.
-            bad: cases whose reading may be anything.
-        """
+        """Rows (g, L) and covariance (g, L, L) of each group, by errors of some size, where some cases are bad."""
         out = []
         for rows, measured, of_kinds in self.groups:
             is_bad = np.isin(self.cases[rows[:, 0]], list(bad))

@@ -13,10 +13,12 @@ import numpy as np
 
 from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.comparison.observations import Observations
-from fingermodel.diagnosis.settings import LEVER_MM, POSTURE_RAD
+from fingermodel.diagnosis.settings import LEVER_MM
 
 # Smaller parts of something smooth: what bends with the load, what a load has whatever its size, what a setting has.
 _BENDS, _ANY_LOAD, _OF_SETTING = 0.3, 0.2, 0.5
+# Postures that resemble each other are so far apart [rad].
+_POSTURE_RAD = 0.6
 # Share of an error of form that does not point along the effect.
 _ASIDE = 0.4
 # Largest variance, as a share of the largest, that a reduced set of columns leaves out.
@@ -188,5 +190,5 @@ def reduced(at: Places, varying: Sequence[Floats], alike: Floats | None = None) 
 def smooth_over(angles: Floats) -> Floats:
     """Root (postures, postures) of a covariance that falls with the distance of postures (postures, rotations)."""
     distance = ((angles[:, None, :] - angles[None, :, :]) ** 2).sum(axis=-1)
-    values, vectors = np.linalg.eigh(np.exp(-0.5 * distance / POSTURE_RAD**2))
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * distance / _POSTURE_RAD**2))
     return vectors * np.sqrt(np.maximum(values, 0.0))

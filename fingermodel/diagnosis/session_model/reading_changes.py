@@ -20,7 +20,7 @@ from fingermodel.diagnosis.session_model.discrepancy import (
 )
 from fingermodel.diagnosis.session_model.group_errors import by_group, in_each, zero_moments
 from fingermodel.diagnosis.session_model.slips import PossibleSlips
-from fingermodel.diagnosis.settings import CLAMP_SHARE
+from fingermodel.kinematics import TipKinematics
 from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
@@ -29,6 +29,8 @@ from fingermodel.structure import Pieces
 MOST_BLOCKS = 20
 # Step of a derivative by the logarithm of a tension, and by an angle [rad].
 _STEP = 1e-3
+# Share of the abduction torque that a clamp which resists twist carries as Mx and My.
+_CLAMP_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +43,11 @@ class CaseChanges:
     @cached_property
     def torque_answer(self) -> Floats:
         """(cases, rotations, 6) change of every reading per N mm of torque about a rotation."""
-        topology, jacobian = self.model.finger.topology, self._tips[0]
+        topology, jacobian = self.model.finger.topology, self.jacobian
         rows = list(topology.reactions)
         wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
         wrench[:, :, rows] = np.swapaxes(np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2)), 1, 2)
-        return self._as_read(wrench)
+        return self.as_read(wrench)
 
     def by_tension(self, theta: Floats) -> Floats:
         """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
@@ -82,16 +84,23 @@ class CaseChanges:
         return self.model.pieces(self.inputs)
 
     @cached_property
-    def _tips(self) -> tuple[Floats, Floats]:
-        """Jacobian (cases, 6, rotations) of the load point, and (cases, 3, 3) from its axes to the metacarpal's."""
-        model = self.model
-        tip = tip_kinematics_batch(model.finger.topology, model.values, self.inputs.posture)
-        return np.asarray(tip.jacobian), np.asarray(tip.to_base)
+    def jacobian(self) -> Floats:
+        """(cases, 6, rotations) of the load point, in the distal phalanx's axes."""
+        return np.asarray(self._tips.jacobian)
 
-    def _as_read(self, wrench: Floats) -> Floats:
+    @cached_property
+    def to_base(self) -> Floats:
+        """(cases, 3, 3) takes these axes to the metacarpal's."""
+        return np.asarray(self._tips.to_base)
+
+    @cached_property
+    def _tips(self) -> TipKinematics:
+        return tip_kinematics_batch(self.model.finger.topology, self.model.values, self.inputs.posture)
+
+    def as_read(self, wrench: Floats) -> Floats:
         """Changes of the tip's wrench (cases, k, 6) as the cell reads them at either mount; a check reads none."""
         bone = np.zeros_like(wrench)
-        bone[:, :, :3] = -np.einsum("nij,nkj->nki", self._tips[1], wrench[:, :, :3])
+        bone[:, :, :3] = -np.einsum("nij,nkj->nki", self.to_base, wrench[:, :, :3])
         at_bone, check = np.asarray(self.inputs.at_bone), np.asarray(self.inputs.is_check)
         return np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
 
@@ -196,12 +205,12 @@ class ReadingChanges(CaseChanges):
         if not free or not aside or not self.places.moment.any():
             return np.zeros((len(self.rows), 0))
         torque = np.asarray(model.predict(inputs, self.centre).torque)[:, rotations.index(aside[0])]
-        jacobian = self._tips[0]
+        jacobian = self.jacobian
         wrench = np.zeros((len(torque), len(free), 6))
         wrench[:, np.arange(len(free)), free] = 1.0
         lever = np.swapaxes(jacobian[:, carried], 1, 2)
         wrench[:, :, carried] = -np.linalg.solve(lever[:, None], jacobian[:, free, :, None])[..., 0]
-        change = self.of_rows(np.swapaxes(self._as_read(CLAMP_SHARE * torque[:, None, None] * wrench), 1, 2))
+        change = self.of_rows(np.swapaxes(self.as_read(_CLAMP_SHARE * torque[:, None, None] * wrench), 1, 2))
         setting = np.asarray(inputs.setting)[self.rows // 6]
         here = [setting == k for k in np.unique(setting)]
         return np.concatenate([in_each(here, of_moment[:, None]) for of_moment in change.T], axis=1)

@@ -16,11 +16,13 @@ import numpy as np
 
 from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
-from fingermodel.diagnosis.settings import LONGEST_MM, SLIP_SHARES
+from fingermodel.diagnosis.settings import LEVER_MM, SLIP_SHARES
 from fingermodel.model import Model
 
 Kind = Literal["tendon", "mass", "unloaded", "kept", "posture", "mount", "exchanged", "window", "amount"]
 
+# No lever in a finger is longer [mm].
+LONGEST_MM = 10.0 * LEVER_MM
 OTHER_MOUNT = {"tip": "bone", "bone": "tip"}
 # Factors by which a mass is entered wrongly in another unit, or with its decimal point in another place.
 _UNITS = {

@@ -61,11 +61,7 @@ class NoiseWhitening:
 
 
 def shared_root(u: Floats) -> tuple[Floats, Floats, float]:
-    """Factors (n, k) and (k, n) such that 1 − left right is a root of the inverse of 1 + U Uᵀ; and ln det of that.
-
-    Args:
-        u: (n, k) columns U.
-    """
+    """Factors (n, k), (k, n) of which 1 − left right is a root of the inverse of 1 + U Uᵀ, U (n, k); ln det of that."""
     # With L Lᵀ = 1 + Uᵀ U, 1 − U (L + 1)⁻ᵀ L⁻¹ Uᵀ is such a root (Potter; Andrews 1968).
     root = root_of_one_plus(u.T @ u)
     right = solve_triangular(root, u.T, lower=True, check_finite=False)

@@ -14,9 +14,6 @@ from daq.sessions import Session
 def require_apart(sessions: Sequence[MeasuredSession]) -> None:
     """Refuse sessions that hold the same readings: these would count as often as they are given.
 
-    Args:
-        sessions: that are to be put together.
-
     Raises:
         InputError: two have one id or mostly the same forces, or one is the average of others.
     """
@@ -41,11 +38,7 @@ def require_apart(sessions: Sequence[MeasuredSession]) -> None:
 
 
 def of_one_specimen(sessions: Sequence[Session]) -> list[Finding]:
-    """Return a warning for each specimen of which there are several sessions.
-
-    Args:
-        sessions: that are put together.
-    """
+    """Return a warning for each specimen of which there are several sessions."""
     named: dict[str, list[str]] = {}
     for session in sessions:
         named.setdefault(session.specimen.id, []).append(session.id)

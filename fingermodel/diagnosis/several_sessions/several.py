@@ -31,8 +31,8 @@ from fingermodel.diagnosis.several_sessions.several_verdict import (
     SharedEffect,
     judge_together,
 )
-from fingermodel.diagnosis.several_sessions.shared_deciding import deciding
 from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
+from fingermodel.diagnosis.several_sessions.shared_laws import deciding
 from fingermodel.session import Session
 
 # Effects that are fitted in every session: singles, and pairs of the best of them.
@@ -114,14 +114,13 @@ class _Specimen:
     def __init__(self, diagnosis: Diagnosis) -> None:
         self.diagnosis, self.posterior = diagnosis, diagnosis.posterior
         self._fits = dict(diagnosis.posterior.fits)
-        self._fitter = Fitter(diagnosis.session, diagnosis.candidates, diagnosis.searched.hyper)
-        self._by_name = {c.name: c for c in diagnosis.candidates.all}
+        self._fitter = Fitter(diagnosis.session, diagnosis.candidates, self.posterior.nothing.hyper)
 
     def here(self, shared: Explanation) -> Explanation | None:
         """The same with this session's own parameters; None where it cannot act."""
         members = []
         for m in shared.members:
-            own = self._by_name.get(m.candidate.name)
+            own = self.diagnosis.candidates.by_name.get(m.candidate.name)
             if own is None or len(own.forms) != len(m.candidate.forms):
                 return None
             members.append(Member(own, m.form))
@@ -244,18 +243,14 @@ class _Pooling:
     def tied(self, explanation: Explanation, sessions: Sequence[int]) -> tuple[float, Floats, Floats]:
         """What is gained by one size in all of some sessions, that size (k,) and its sd (k,), in prior widths."""
         sizes = [self._each[explanation][k][1].size for k in sessions]
-        width = np.ones(len(explanation.parameters))
         sided = self._table.one_sided[list(explanation.parameters)]
 
         def evidence(q: Quadratic) -> tuple[float, Floats, Floats]:
-            freed = q.freed(width, np.zeros(len(width)), len(width))
+            freed = q.of_size(1.0, len(sided))
             value = freed.log_evidence + log_mass(freed.mean, freed.covariance, sided)
             return value, freed.mean, np.sqrt(np.diag(freed.covariance))
 
-        summed = Quadratic(
-            0.0, np.sum([q.gradient for q in sizes], axis=0), np.sum([q.hessian for q in sizes], axis=0), 0.0
-        )
-        whole, mean, sd = evidence(summed)
+        whole, mean, sd = evidence(Quadratic.of_all(sizes))
         gained = EVIDENCE_POWER * (whole - sum(evidence(q)[0] for q in sizes))
         return gained, np.where(sided, np.maximum(mean, 0.0), mean), sd
 

@@ -12,25 +12,24 @@ from scipy.special import expit
 from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import SHARED_P, SURE
-from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
+from fingermodel.diagnosis.settings import SURE
 from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
-from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
+from fingermodel.diagnosis.several_sessions.shared_laws import Deciding, SharedLaw, shared_laws
+
+# Chance that shuffled sessions gain as much, up to which a law is none.
+_NO_CHANCE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class SharedFinding:
-    """What sessions share that no effect describes.
-
-    Attributes:
-        laws: that the leading curve resembles, best first; none where it is improbable that it is shared; and
-    """
+    """What sessions share that no effect describes."""
 
     sessions: tuple[str, ...]  # ids
     specimens: tuple[str, ...]  # of each session
     curves: tuple[SharedCurve, ...]  # of each stage, the most evident first
     observed: float  # what sharing gains at most over not sharing, in ln evidence
     shuffled: Floats  # (shuffles,) the same with tendons and signs of the sessions shuffled
+    # That the leading curve resembles, best first; none where it is improbable that it is shared.
     laws: tuple[SharedLaw, ...]
     law_curves: Floats  # (laws, parts, postures) each as the leading curve would show it
     deciding: tuple[Deciding, ...] = ()  # readings that would part them, best first, on a specimen like `decided_on`
@@ -52,7 +51,7 @@ class SharedFinding:
         """Whether they share something: sure rather than an error of each one's own, no chance, of use to most."""
         p = self.permutation_p
         sure = float(expit(self.curve.log_evidence)) >= SURE
-        return sure and 2 * len(self._helped) > len(set(self.specimens)) and (p is None or p <= SHARED_P)
+        return sure and 2 * len(self._helped) > len(set(self.specimens)) and (p is None or p <= _NO_CHANCE)
 
     @property
     def _helped(self) -> list[str]:

@@ -8,7 +8,7 @@ Each session says of the curve's weights what its readings do; the curve's evide
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TypeVar
 
@@ -17,18 +17,19 @@ from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats, Ints
 from fingermodel.diagnosis.posterior.curves import (
+    SIZES,
     Curve,
     Curves,
-    Said,
     SmoothCurve,
     Stage,
     described,
     gain,
     values_of,
 )
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import SEED, SHARED_SIZES
+from fingermodel.diagnosis.settings import SEED
 
 T = TypeVar("T")
 
@@ -52,21 +53,22 @@ class StageSearch:
     stage: Stage  # of the curve
     # Nodes of the sessions to which each size that was tried leads.
     paths: dict[float, tuple[Node, ...]] = field(default_factory=dict)
-    _known: dict[tuple[int, Node], Said] = field(default_factory=dict, repr=False)
+    _known: dict[tuple[int, Node], Quadratic] = field(default_factory=dict, repr=False)
 
     @cached_property
     def columns(self) -> list[Curve]:
         """Of each session."""
         return [self.curves.of(fit, self.stage) for fit in self.fits]
 
-    def said(self, k: int, node: Node) -> Said:
-        """What a session says at a node."""
+    def said(self, k: int, node: Node) -> Quadratic:
+        """What a session says at a node; without the curve, minus twice the log joint there."""
         if (k, node) not in self._known:
             fit = self.fits[k]
-            self._known[k, node] = Said(fit.log_joint(node), *fit.information(self.columns[k].columns, node))
+            found = fit.quadratic_of(self.columns[k].columns, node)
+            self._known[k, node] = replace(found, value=-2.0 * fit.log_joint(node))
         return self._known[k, node]
 
-    def all_said(self, nodes: Sequence[Node]) -> list[Said]:
+    def all_said(self, nodes: Sequence[Node]) -> list[Quadratic]:
         """What all sessions say, each at its node."""
         return [self.said(k, node) for k, node in enumerate(nodes)]
 
@@ -91,7 +93,7 @@ class StageSearch:
     def run(self) -> SharedCurve:
         """Climb at every size, and describe the best."""
         nodes: list[Node] = [fit.best for fit in self.fits]
-        sizes = SHARED_SIZES[self.stage]
+        sizes = SIZES[self.stage]
         values = {}
         for size in (0.0, *sizes):
             nodes = self.climbed(nodes, size)
@@ -124,8 +126,8 @@ class StageSearch:
         said = []
         for fit, curve, node, change in zip(self.fits, self.columns, found.nodes, changes, strict=True):
             law = change.reshape(-1)[fit.session.rows[fit.session.fitted]]
-            both, _ = fit.information(np.column_stack([curve.columns, law]), node)
-            said.append(Said(0.0, both[:-1, :-1], both[:-1, -1]))
+            both = fit.quadratic_of(np.column_stack([curve.columns, law]), node).hessian
+            said.append(Quadratic(0.0, both[:-1, -1], both[:-1, :-1], 0.0))
         return values_of(self.curves, said, found.size)[0]
 
     def best_value(self, shuffled: Sequence[tuple[Ints, Floats]]) -> float:
@@ -135,7 +137,7 @@ class StageSearch:
         turned = [(of_tendons[order].reshape(-1), np.repeat(sign, weights // tendons)) for order, sign in shuffled]
         reached = [dict.fromkeys(path[k] for path in self.paths.values()) for k in range(len(self.fits))]
         said = [{n: self.said(k, n).turned(*turned[k]) for n in nodes} for k, nodes in enumerate(reached)]
-        nothing, out = sum(max(s.log_joint for s in mine.values()) for mine in said), 0.0
+        nothing, out = -0.5 * sum(min(s.value for s in mine.values()) for mine in said), 0.0
         for size, path in self.paths.items():
             start = [mine[node] for mine, node in zip(said, path, strict=True)]
             value = partial(_together, size=size)
@@ -149,9 +151,9 @@ class StageSearch:
         return len({muscle for muscle, _ in self.columns[0].parts})
 
 
-def _together(said: Sequence[Said], size: float) -> float:
+def _together(said: Sequence[Quadratic], size: float) -> float:
     """Log of prior times likelihood of all sessions together, with weights of a size."""
-    return sum(s.log_joint for s in said) + gain(said, size)
+    return Quadratic.of_all(said).of_size(size).log_evidence
 
 
 def _ascended(
@@ -175,19 +177,16 @@ def _ascended(
     return best, reached
 
 
-def permuted(
-    searches: Sequence[StageSearch], count: int, tell: Callable[[float], None] | None = None
-) -> tuple[float, Floats]:
+def permuted(searches: Sequence[StageSearch], count: int, tell: Callable[[float], None]) -> tuple[float, Floats]:
     """What sharing gains at most, as the sessions are and with tendons and signs of each shuffled.
 
-    Sessions that share nothing gain as much in any order.
+    Sessions that share nothing gain as much in any order. Those of one specimen are shuffled alike: what is its own is
+    no chance.
 
     Args:
         searches: of the stages, that have run.
         count: of shuffles.
         tell: is told the share done.
-
-    Sessions of one specimen are shuffled alike: what is its own is no chance.
 
     Returns:
         The gain as the sessions are, and (count,) after shuffles; always the same ones.
@@ -205,8 +204,7 @@ def permuted(
     for k in range(count):
         of = {one: (rng.permutation(muscles), rng.choice([-1.0, 1.0], muscles)) for one in others}
         out[k] = best([of.get(one, plain) for one in specimens])
-        if tell is not None:
-            tell((k + 1) / count)
+        tell((k + 1) / count)
     return observed, out
 
 

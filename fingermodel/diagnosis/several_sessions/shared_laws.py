@@ -2,26 +2,48 @@
 
 Every law has one value in all sessions. What it adds to a session's log density, its value learned from the other
 specimens, is its left-out gain; laws that these load cases cannot part are rivals of each other.
+
+What would decide between them is a load case, or what is read beside its forces: each law says what it would read, with
+its value and interval, and all else is as unknown as the session leaves it. A reading is worth the mutual information
+[nat] between law and reading (Lindley 1956).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from fingermodel.arrays import Floats
+from fingermodel.comparison.comparison import muscles_of
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, expected, feasible, information, inputs_of
 from fingermodel.diagnosis.posterior.gaussian import gain_of_each
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OTHERS
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import ALIKE
+from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
+from fingermodel.diagnosis.settings import ALIKE, SEED, WORTH_NAT
 from fingermodel.diagnosis.verdict.hints import Formula, Hint, library
 from fingermodel.diagnosis.verdict.predictive import unseen_errors
+from fingermodel.stages import LoadCaseInput
 
-# Laws that are looked at closely, and shown.
-_CLOSELY, _SHOWN = 40, 5
+# Laws that are looked at closely; laws and readings that are shown; and laws between which readings would decide.
+_CLOSELY, _SHOWN, _LIVE = 40, 5, 6
+# Step of a derivative, as a share of a parameter's width.
+_STEP = 1e-3
+# What is read: forces alone; Mz as well; forces where radiographs give the joint angles.
+READINGS = ("forces", "forces and Mz at the tip", "forces, and joint angles by radiograph")
+_MZ = 5
+# Readings drawn by each law: the order of the best is to be right.
+_DRAWS = 500
+# A law, or the parameter of an effect (of stage ""), and (cases, 6) of each session per its scale.
+_Offer = tuple[Formula, tuple[Floats, ...]]
+# Change (cases, 6) by a law, and its standard deviation.
+_Change = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +68,6 @@ class SharedLaw:
     def agreement(self) -> float:
         """Mean squared distance of the sessions' own values from the common one, in their standard deviations."""
         return float(np.mean(((self.each - self.value) / np.hypot(self.each_sd, self.sd)) ** 2))
-
-
-# Step of a derivative, as a share of a parameter's width.
-_STEP = 1e-3
-
-
-# A law, or the parameter of an effect (of stage ""), and (cases, 6) of each session per its scale.
-_Offer = tuple[Formula, tuple[Floats, ...]]
 
 
 def shared_laws(fits: Sequence[Optimum], specimens: Sequence[str], nodes: Sequence[Node]) -> tuple[SharedLaw, ...]:
@@ -96,7 +110,7 @@ def _columns(fit: Optimum, changes: Sequence[Floats]) -> Floats:
 def _alike(fits: Sequence[Optimum], columns: Sequence[Floats], nodes: Sequence[Node]) -> Floats:
     """Correlation (k, k) of what the sessions together see of each law."""
     information = np.sum(
-        [fit.information(c, node)[0] for fit, c, node in zip(fits, columns, nodes, strict=True)], axis=0
+        [fit.quadratic_of(c, node).hessian for fit, c, node in zip(fits, columns, nodes, strict=True)], axis=0
     )
     size = np.sqrt(np.maximum(np.diag(information), 1e-12))
     return information / size[:, None] / size
@@ -158,3 +172,82 @@ def _law(
         formula,
         tuple(float(value) / law.scale * change for change in changes),
     )
+
+
+@dataclass(frozen=True)
+class Deciding:
+    """A reading that would part the laws."""
+
+    case: PlannedReading  # what to hang where
+    reading: str  # one of READINGS
+    information_nat: float  # between law and reading
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the answer gives it."""
+        return self.case.as_dict() | {
+            "reading": self.reading,
+            "information_nat": self.information_nat,
+            "text": f"{self.case.words}, {self.reading}: {self.information_nat:.2f} nat",
+        }
+
+
+def deciding(
+    diagnosis: Diagnosis, fit: Optimum, laws: Sequence[SharedLaw]
+) -> tuple[tuple[Deciding, ...], tuple[str, ...]]:
+    """Rank what could be read on a specimen like this one by what it would tell of the laws.
+
+    Args:
+        diagnosis: of the session.
+        fit: what is known to act in it.
+        laws: that are live, with their rivals; formulas alone are held against each other.
+
+    Returns:
+        The readings, best first, and the formulas that they would part.
+    """
+    texts = [law.name for law in laws if law.formula is not None]
+    texts += [rival for law in laws for rival in law.rivals]
+    live = {law.name: law for law in laws}
+    cases = feasible(diagnosis)
+    planned = CaseChanges(diagnosis.session.model, inputs_of(diagnosis, cases))
+    slopes = {law.text: law.slopes for law in library(planned, fit.theta) if law.text in texts}
+    leading = [law for law in laws if law.name in slopes][:_LIVE]
+    if not leading:
+        return (), ()
+    first = leading[0]
+    names = list(dict.fromkeys([first.name, *(r for r in first.rivals if r in slopes), *(w.name for w in leading)]))[
+        :_LIVE
+    ]
+    prior = softmax([float(live.get(name, first).left_out_gain.sum()) for name in names])
+    changes = [_change(slopes[n], live.get(n), slopes[first.name], first) for n in names]
+    return _ranked(fit, cases, planned.inputs, changes, prior), tuple(names)
+
+
+def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: SharedLaw) -> _Change:
+    """Change (cases, 6) by a law and its standard deviation; a rival's value is that which resembles the first most."""
+    if law is not None:
+        return law.value * slope, law.sd * slope
+    ratio = float((slope * leading).sum() / max((slope**2).sum(), 1e-12))
+    return first.value * ratio * slope, first.sd * ratio * slope
+
+
+def _ranked(
+    fit: Optimum, cases: Sequence[PlannedReading], inputs: LoadCaseInput, changes: Sequence[_Change], prior: Floats
+) -> tuple[Deciding, ...]:
+    """The most telling readings of those that load the same tendons."""
+    rng, best = np.random.default_rng(SEED), dict[tuple[str, ...], Deciding]()
+    change, sd = (np.array(both).swapaxes(0, 1) for both in zip(*changes, strict=True))
+    for reading in READINGS:
+        read = [0, 1, *([] if fit.session.plane == "sagittal" else [2]), *([_MZ] if reading == READINGS[1] else [])]
+        # The posture will be set anew: its angles are as unknown as the budget has it, or read from a radiograph.
+        anew = 0.0 if reading == READINGS[2] else fit.hyper.values(fit.best).budget
+        mean, plain = expected(fit, inputs, read, anew)
+        means, sds = mean[:, None] + change[..., read], sd[..., read]
+        spreads = plain[:, None] + sds[..., :, None] * sds[..., None, :]
+        for k, case in enumerate(cases):
+            if reading == READINGS[0] or case.location == "tip":
+                told, _ = information(list(zip(means[k], spreads[k], strict=True)), prior, rng, _DRAWS)
+                key = (case.posture, case.location, muscles_of(case.masses_g), reading)
+                if key not in best or told > best[key].information_nat:
+                    best[key] = Deciding(case, reading, told)
+    ranked = sorted(best.values(), key=lambda d: -d.information_nat)
+    return tuple(d for d in ranked if d.information_nat >= WORTH_NAT)[:_SHOWN]

@@ -9,7 +9,10 @@ import numpy as np
 from fingermodel.arrays import Floats, Mask
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
-from fingermodel.diagnosis.settings import ALIKE, DETECTABLE
+from fingermodel.diagnosis.settings import ALIKE
+
+# Standard deviations below which an effect as large as its prior hardly stands out.
+_DETECTABLE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +44,7 @@ class Confounding:
 def confounding(base: Optimum, candidates: Candidates) -> Confounding:
     """Compare what the candidates change beyond noise and all that the base model absorbs, nothing smooth allowed for.
 
-    Args:
-        base: the base model, linearised.
-        candidates: each in its first form.
+    Of each its first form is taken.
     """
     node = base.hyper.without_smooth(base.best)
     quadratic, parameters = base.effects_at(node)
@@ -61,7 +62,7 @@ def confounding(base: Optimum, candidates: Candidates) -> Confounding:
             cross = quadratic.hessian[np.ix_(chosen[i], chosen[j])]
             value = np.linalg.norm(roots[i] @ cross @ roots[j].T, 2)
             correlation[i, j] = correlation[j, i] = min(float(value), 1.0)
-    shown = np.array([detectability[name] >= DETECTABLE for name in names])
+    shown = np.array([detectability[name] >= _DETECTABLE for name in names])
     return Confounding(names, correlation, detectability, _classes(names, correlation, shown))
 
 

@@ -20,8 +20,8 @@ from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slips import OTHER_MOUNT
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LONGEST_MM, P_VALUE
+from fingermodel.diagnosis.session_model.slips import LONGEST_MM, OTHER_MOUNT
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, P_VALUE
 from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind
 
 # Masses in another unit: what one that was entered as a gram is in grams.

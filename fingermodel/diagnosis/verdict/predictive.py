@@ -13,10 +13,9 @@ from fingermodel.comparison.comparison import rmse
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, chance_of
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, Explained, SlipsAbout, chance_of
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_UNLIKE, P_VALUE
 from fingermodel.fitting.roots import root_of
 
@@ -35,6 +34,16 @@ class Prediction:
     covariance: Floats  # (n, n) of it: noise, scatter, parameters, errors of form, something smooth
     cases: Ints  # (n,) case of each reading
     bad_size: Floats  # (n,) how far each may be off in a bad case [N, N mm]
+    x: Floats  # (parameters,) where the rest has the parameters, in prior widths about the priors' centre
+    free: Ints  # (k,) indices of those that are free
+    across: Floats  # (k, n) covariance of these and the readings
+
+    @property
+    def with_readings(self) -> Floats:
+        """(parameters,) where these readings have them as well; a case that stands apart says nothing of it."""
+        factor, out = root_of(self.covariance + _spoilt(self, _standing_apart(self))), self.x.copy()
+        out[self.free] += self.across @ np.linalg.solve(factor.T, np.linalg.solve(factor, self.away))
+        return out
 
 
 @dataclass(frozen=True)
@@ -60,7 +69,7 @@ class PredictiveCheck:
         """Misfit of those that are not bad, for each reading; 1 where it is no more than noise makes."""
         p = self.predictions[0][1]
         sound = ~np.isin(p.cases, list(self.bad))
-        misfit = _log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])[1]
+        misfit = log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])[1]
         return max(1.0, misfit / max(int(sound.sum()), 1))
 
     def setting_apart(self, bad: dict[int, float], slips: dict[int, Explained]) -> PredictiveCheck:
@@ -69,7 +78,7 @@ class PredictiveCheck:
             return self
         cases = self.predictions[0][1].cases
         sound = ~np.isin(cases, list(bad))
-        each = [(w, *_log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])) for w, p in self.predictions]
+        each = [(w, *log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])) for w, p in self.predictions]
         log_density = float(logsumexp([np.log(w) + log for w, log, _ in each]))
         # So many slips among so few cases are none either: then the explanation misses them.
         exchanged = {frozenset((c, s.partner)) for c, s in slips.items() if s.partner in bad}
@@ -79,7 +88,7 @@ class PredictiveCheck:
         return replace(self, log_density=log_density, p_value=p_value, bad=bad, slips=slips, missed=missed)
 
 
-def _log_normal(away: Floats, covariance: Floats) -> tuple[float, float]:
+def log_normal(away: Floats, covariance: Floats) -> tuple[float, float]:
     """Log density and misfit of some readings (n,) under a covariance (n, n)."""
     factor = root_of(covariance)
     z = np.linalg.solve(factor, away)
@@ -87,29 +96,19 @@ def _log_normal(away: Floats, covariance: Floats) -> tuple[float, float]:
     return -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi)), misfit
 
 
-def predicted(fit: Optimum, node: Node | None = None, change: Floats | None = None) -> Prediction:
+def predicted(
+    fit: Optimum, node: Node | None = None, about: Floats | None = None, change: Floats | None = None
+) -> Prediction:
     """Predict the validation readings at some hyperparameters, by default at the most probable ones.
 
     Args:
         fit: that predicts.
         node: of the hyperparameters.
+        about: (parameters,) in prior widths about the priors' centre, where the readings are linearised; by default
+            where the fit is.
         change: (cases, 6) of all readings by something that acts besides [N, N mm]; none by default.
     """
-    return _predicted(fit, node or fit.best, fit.x, change)[0]
-
-
-def _predicted(
-    fit: Optimum, node: Node, about: Floats, change: Floats | None = None, *, robust: bool = False
-) -> tuple[Prediction, Floats]:
-    """Predict with the validation readings linearised about some parameters, and where these lie by their readings.
-
-    Args:
-        fit: that predicts.
-        node: of the hyperparameters.
-        about: (parameters,) in prior widths about the priors' centre.
-        change: of `predicted`.
-        robust: whether a case that stands apart says nothing of where the parameters lie.
-    """
+    node, about = node or fit.best, fit.x if about is None else about
     session, unseen = fit.session, ~fit.session.fitted
     reading, slopes = fit.unseen_about(about)
     measured, moved = session.measured, fit
@@ -136,11 +135,9 @@ def _predicted(
     # Where nothing alike is fitted, an effect may be off by as much as its name allows.
     of_form = FORM_NAMED * fit.form_errors_unseen
     covariance += of_form @ of_form.T
-    prediction, x = Prediction(away, covariance, noise.cases, noise.bad_size), about.copy()
-    factor = root_of(covariance + _spoilt(prediction, _standing_apart(prediction) if robust else ()))
-    moved_by = of_weights.T @ np.linalg.solve(factor.T, np.linalg.solve(factor, away))
-    x[index] = (found.mean + moved_by)[at]
-    return prediction, x
+    x, by_reading = about.copy(), of_weights.T[at]
+    x[index] = found.mean[at]
+    return Prediction(away, covariance, noise.cases, noise.bad_size, x, index, by_reading)
 
 
 def _standing_apart(prediction: Prediction) -> list[int]:
@@ -148,7 +145,7 @@ def _standing_apart(prediction: Prediction) -> list[int]:
     out = []
     for case in np.unique(prediction.cases).tolist():
         own = np.flatnonzero(prediction.cases == case)
-        misfit = _log_normal(prediction.away[own], prediction.covariance[np.ix_(own, own)])[1]
+        misfit = log_normal(prediction.away[own], prediction.covariance[np.ix_(own, own)])[1]
         if chdtrc(len(own), misfit) < P_VALUE:
             out.append(case)
     return out
@@ -165,7 +162,7 @@ def whereabouts(fit: Optimum) -> Floats:
     unit, tried = session.changes.places.unit[~session.fitted], list[tuple[float, Floats]]()
     for _ in range(_TIMES):
         reading, slopes = fit.unseen_about(about)
-        there = np.clip(_predicted(fit, fit.best, about, robust=True)[1], lower, upper)
+        there = np.clip(predicted(fit, about=about).with_readings, lower, upper)
         off = (fit.unseen_about(there)[0] - reading - slopes @ (there - about)) / unit
         tried.append((float(np.abs(off).max()), about))
         if tried[-1][0] < _LINEAR_N:
@@ -180,15 +177,11 @@ def _predictions(fit: Optimum) -> tuple[tuple[float, Prediction], ...]:
     weights = {node: float(np.exp(value - total)) for node, value in fit.nodes.items()}
     kept = sorted((n for n, w in weights.items() if w >= _WEIGHT or n == fit.best), key=lambda n: -weights[n])
     whole, about = sum(weights[n] for n in kept), whereabouts(fit)
-    return tuple((weights[n] / whole, _predicted(fit, n, about)[0]) for n in kept)
+    return tuple((weights[n] / whole, predicted(fit, n, about)) for n in kept)
 
 
 def check(fit: Optimum) -> PredictiveCheck:
-    """Hold the validation cases against an explanation; single bad ones are set apart, and named.
-
-    Args:
-        fit: that predicts them.
-    """
+    """Hold the validation cases against an explanation; single bad ones are set apart, and named."""
     session = fit.session
     if session.fitted.all():
         return PredictiveCheck(None, None, {}, {})
@@ -230,7 +223,7 @@ def check(fit: Optimum) -> PredictiveCheck:
 
 def _log_density(predictions: Iterable[tuple[float, Prediction]], spoilt: Collection[int]) -> float:
     """Log density of all readings, of which those of some cases may be anything."""
-    each = [np.log(w) + _log_normal(p.away, p.covariance + _spoilt(p, spoilt))[0] for w, p in predictions]
+    each = [np.log(w) + log_normal(p.away, p.covariance + _spoilt(p, spoilt))[0] for w, p in predictions]
     return float(logsumexp(each))
 
 
@@ -319,7 +312,7 @@ def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[f
     out: dict[str, tuple[float, float]] = {}
     unseen = session.rows[~session.fitted]
     force = unseen % 6 < 3
-    before, after = predicted(fit, node).away, predicted(fit, node, change).away
+    before, after = predicted(fit, node).away, predicted(fit, node, change=change).away
     for place in dict.fromkeys(observations.locations):
         here = force & np.array([observations.locations[i] == place for i in unseen // 6])
         if here.any():

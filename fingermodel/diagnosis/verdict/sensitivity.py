@@ -6,7 +6,7 @@ It is shown, and conditions nothing. Everything is asked of the linearised model
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,8 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_NOTHING, SURE
 from fingermodel.diagnosis.verdict.verdict import Kind, Verdict
 
-# Other priors on nothing, and factors on the effects' widths and the noise's index, that are shown.
-_PRIORS, _WIDTHS, _NOISES = (0.2, 0.8), (0.5, 2.0), (2,)
+# Other priors on nothing, and factors on the effects' widths, that are shown; and steps by which noise is larger.
+_PRIORS, _WIDTHS, _NOISE = (0.2, 0.8), (0.5, 2.0), 2
 # Explanations that are asked again, besides the base model; of parts of the data that are left out, fewer.
 _ASKED, _ASKED_OF_PARTS = 4, 2
 
@@ -62,19 +62,12 @@ class Sensitivity:
             "rests_on": list(self.rests_on),
             "budget_multiple_at_which_it_fails": self.budget_multiple_at_which_it_fails,
             "sagittal_alone": self.sagittal_alone,
-            "assumptions": [
-                {"group": a.group, "words": a.words, "probability": a.probability} for a in self.assumptions
-            ],
+            "assumptions": [asdict(a) for a in self.assumptions],
         }
 
 
 def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
-    """Ask the explanations that matter again.
-
-    Args:
-        posterior: of the session.
-        verdict: that was read from it.
-    """
+    """Ask the explanations that matter again how probable what the verdict says is."""
     ranked = sorted(posterior.fits.values(), key=posterior.weight, reverse=True)
     asked = list(dict.fromkeys([*ranked[:_ASKED], posterior.nothing]))
     said = _statement(verdict, posterior)
@@ -89,15 +82,10 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
         if p < SURE and fails is None:
             fails = float(multiple)
     noises = posterior.leader.hyper.axes[NOISE].values
-    for step in _NOISES:
-        index = min(posterior.leader.best[NOISE] + step, len(noises) - 1)
-        p = said(_again(asked, _fixed(NOISE, index)))
-        size = noises[index]
-        assumed = posterior.nothing.session.observations.noise_assumed
-        words = (
-            f"the noise is {size:.2g} times as assumed" if assumed else f"the noise is {1000.0 * size:.0f} mN larger"
-        )
-        out.append(Assumption("noise", words, p))
+    index = min(posterior.leader.best[NOISE] + _NOISE, len(noises) - 1)
+    size, assumed = noises[index], posterior.nothing.session.observations.noise_assumed
+    words = f"the noise is {size:.2g} times as assumed" if assumed else f"the noise is {1000.0 * size:.0f} mN larger"
+    out.append(Assumption("noise", words, said(_again(asked, _fixed(NOISE, index)))))
     few = list(dict.fromkeys([*ranked[:_ASKED_OF_PARTS], posterior.nothing]))
     for words, gone in _parts(posterior.nothing):
         out.append(Assumption("without", words, said(_less(few, gone))))

@@ -13,14 +13,16 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fingermodel.arrays import Floats
-from fingermodel.diagnosis.posterior.curves import Said, gain
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.group_errors import waves
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import FORM_NAMED, P_VALUE, TREND
+from fingermodel.diagnosis.settings import FORM_NAMED, P_VALUE
 
 # Information of a weight, and share of a column's, that is rounding.
 _LEAST = 1e-6
+# How far a tension, a gain [%] or an angle [°] may change with time or load.
+_CHANGE = 5.0
 # Where a trend is told: at the first case, halfway and at the last; at no load, half the largest and the largest.
 _PLACES = np.array([0.0, 0.5, 1.0])
 _GAIN = "the cell's gain"
@@ -82,20 +84,16 @@ class Trend:
 
 
 def trend_of(fit: Optimum) -> Trend | None:
-    """The most evident trend of what an explanation leaves; None where chance makes as much.
-
-    Args:
-        fit: of the explanation; everything that it leaves open may act.
-    """
+    """The most evident trend of what an explanation, and all that it leaves open, leave; None where chance makes it."""
     session, asked = fit.session, list(_asked(fit.session, fit.theta))
     if not asked:
         return None
     # Everything that acts besides is integrated out once for all of them.
     columns = np.concatenate([one.columns for one in asked], axis=1)[session.fitted]
-    information, score = fit.information(columns, fit.best)
+    said = fit.quadratic_of(columns, fit.best)
     ends = np.cumsum([one.columns.shape[1] for one in asked]).tolist()
     spans = [slice(end - one.columns.shape[1], end) for end, one in zip(ends, asked, strict=True)]
-    tested = [_tested(information[span, span], score[span]) for span in spans]
+    tested = [_tested(said.hessian[span, span], said.gradient[span]) for span in spans]
     # By its evidence: what would have to change out of all proportion is none of these.
     (p_value, log_evidence, weights), one = max(zip(tested, asked, strict=True), key=lambda of: of[0][1])
     p_value, log_evidence = p_value * len(asked), log_evidence - float(np.log(len(asked)))
@@ -116,11 +114,9 @@ def _across(change: Floats, column: Floats) -> float:
 
 
 def _tested(information: Floats, score: Floats) -> tuple[float, float, Floats]:
-    """P-value, log evidence and weights (k,) of all columns but the first, whose weight may be anything.
+    """P-value, log evidence and weights of all columns but the first, whose weight may be anything.
 
-    Args:
-        information: (k, k) of the weights.
-        score: (k,) of the weights.
+    Information (1 + k, 1 + k) and score (1 + k,) are of all weights.
     """
     # What the readings say nothing of has no information but rounding.
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
@@ -134,7 +130,7 @@ def _tested(information: Floats, score: Floats) -> tuple[float, float, Floats]:
         return 1.0, 0.0, np.zeros(len(turned))
     along = vectors[:, sound].T @ turned / values[sound]
     p_value = float(chdtrc(len(along), float((along**2 * values[sound]).sum())))
-    evidence = gain([Said(0.0, left * np.outer(size, size), turned * size)], TREND)
+    evidence = Quadratic(0.0, turned * size, left * np.outer(size, size), 0.0).of_size(_CHANGE).log_evidence
     return p_value, evidence, vectors[:, sound] @ along * scale
 
 

@@ -12,15 +12,17 @@ from scipy.special import chdtrc, ndtr
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, OF_GROUPS, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior, summed
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.candidates import Candidates
+from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, FORM_NAMED, LEAST_CASES, NOTHING_SURE, OF_GROUP, P_VALUE, SURE
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, FORM_NAMED, LEAST_CASES, OF_GROUP, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.fitting.reading_errors import OTHER_SCATTER, other_scatter
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
+# Probability from which nothing is said to be missing.
+_NOTHING_SURE = 0.8
 # From this multiple on a budget or a noise is said to be larger than stated.
 _LARGER = 1.1
 # What plateau and tare do not show is more than usual from here on [N].
@@ -81,12 +83,7 @@ def judge(
 
 
 def with_unlike(verdict: Verdict, cases: Sequence[str]) -> Verdict:
-    """The verdict where cases stand apart that no slip explains, and that no other fitted case is like.
-
-    Args:
-        verdict: without them.
-        cases: their ids.
-    """
+    """The verdict where cases (ids) stand apart that no slip explains, and that no other fitted case is like."""
     them = "them" if len(cases) > 1 else "it"
     what = (
         f"no slip explains the readings of {words(cases)}, and no other fitted case loads the same tendons at the same "
@@ -100,12 +97,8 @@ def with_unlike(verdict: Verdict, cases: Sequence[str]) -> Verdict:
 def doubted(verdict: Verdict, fit: Optimum, trend: Trend) -> Verdict:
     """The verdict where what is left goes with time or load: where that is less than what is found, it stands.
 
-    Where it is of the same quantity, the law itself changes, and by more than a tenth it is another one.
-
-    Args:
-        verdict: without it.
-        fit: what the verdict would add.
-        trend: of what that leaves.
+    Where it is of the same quantity, the law itself changes, and by more than a tenth it is another one. The fit is of
+    what the verdict would add.
     """
     if verdict.kind not in ("found", "nothing_missing", "one_of"):
         return verdict
@@ -130,29 +123,29 @@ def sure_names(posterior: Posterior) -> tuple[str, ...]:
 
 
 def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, classes: Confounding) -> Verdict:
-    order = [c.name for c in candidates.all]
-    effect_of = {c.name: c.effect for c in candidates.all}
-    sure = sorted(sure_names(posterior), key=order.index)
-    if sure and posterior.of_names(sure) >= SURE:
-        return _found(posterior, stated, classes, sure, tuple(dict.fromkeys(effect_of[n] for n in sure)))
-    likely = [name for name, p in posterior.inclusion.items() if p >= 0.5]
+    known, likely = sure_names(posterior), [name for name, p in posterior.inclusion.items() if p >= 0.5]
+    sure = [c for c in candidates.all if c.name in known]
+    if sure and posterior.of_names(known) >= SURE:
+        return _found(posterior, stated, candidates, classes, sure)
     if posterior.p_beyond >= SURE and not likely:
         return Verdict("none_of_catalogue", (), (), posterior.p_beyond, _beyond(posterior))
-    if posterior.p_nothing >= NOTHING_SURE:
+    if posterior.p_nothing >= _NOTHING_SURE:
         return _nothing(posterior, stated)
     for members in _classes_of(posterior, classes):
         p = posterior.of_any(members)
         if p >= SURE:
             named = tuple(n for n in posterior.inclusion if n in members)
             reason = f"These load cases do not tell {words(named)} apart; that one of them acts is sure ({p:.2f})."
-            return Verdict("one_of", named, tuple(dict.fromkeys(effect_of[n] for n in named)), p, (reason,))
+            effects = tuple(dict.fromkeys(candidates.by_name[n].effect for n in named))
+            return Verdict("one_of", named, effects, p, (reason,))
     return _undecided(posterior)
 
 
 def _found(
-    posterior: Posterior, stated: Optimum, classes: Confounding, sure: Sequence[str], effects: tuple[str, ...]
+    posterior: Posterior, stated: Optimum, candidates: Candidates, classes: Confounding, sure: Sequence[Candidate]
 ) -> Verdict:
-    probability, names = posterior.of_names(sure), tuple(sure)
+    names = tuple(c.name for c in sure)
+    probability = posterior.of_names(names)
     fit = posterior.best_fit(names) or posterior.leader
     before, after = misfits(stated, fit)
     explain = "explain" if len(names) > 1 else "explains"
@@ -162,8 +155,7 @@ def _found(
     ]
     alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
     if alike:
-        shown_by = {e.name: e.shown_by for e in stated.session.model.effects}
-        asked = dict.fromkeys(shown for n in [*names, *alike] if (shown := shown_by[n.split(".")[0]]))
+        asked = dict.fromkeys(shown for n in [*names, *alike] if (shown := candidates.by_name[n].shown_by))
         how = f"; to part them, {', or '.join(list(asked)[:2])}" if asked else ""
         reasons.append(f"In these load cases it is much like {words(alike)}{how}.")
     if posterior.p_beyond >= 0.5:
@@ -175,7 +167,7 @@ def _found(
     # Specimens differ by more than those of one study; of the rig the bench itself states what it may be off by.
     if short := _left(posterior, fit, f"{words(names)}, noise, scatter and budget", _rig_as_stated(fit, fit.best)):
         return Verdict("undecided", names, (), probability, tuple(reasons), (short,))
-    return Verdict("found", names, effects, probability, tuple(reasons))
+    return Verdict("found", names, tuple(dict.fromkeys(c.effect for c in sure)), probability, tuple(reasons))
 
 
 def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
@@ -193,15 +185,16 @@ def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
     """What is said where a fit's misfit is out of the question at a node where the rig is as stated."""
     if _explains(fit, node):
         return ""
-    wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0]}
+    (budget, _), (anatomy, _), (noise, _) = map(posterior.hyperparameter, (BUDGET, ANATOMY, NOISE))
+    wanted = {"budget": budget, "spread of anatomy": anatomy}
     more = [f"a {name} {times:.1f} times as large" for name, times in wanted.items() if times >= _LARGER]
     usual = GroupErrors.usual(fit.session.model.budget)._asdict()
     of_group = {name: size for name, (size, _) in posterior.other_scatter.items() if name in usual}
     more += other_scatter({name: size for name, size in of_group.items() if size > OF_GROUP.scale * usual[name]})
     if fit.session.observations.noise_assumed:
-        more += [f"a noise {posterior.noise[0]:.1f} times as large"] if posterior.noise[0] >= _LARGER else []
-    elif posterior.noise[0] > _USUAL_EXTRA_N:
-        more.append(f"{1000.0 * posterior.noise[0]:.0f} mN of noise beside the measured one")
+        more += [f"a noise {noise:.1f} times as large"] if noise >= _LARGER else []
+    elif noise > _USUAL_EXTRA_N:
+        more.append(f"{1000.0 * noise:.0f} mN of noise beside the measured one")
     want = f"; the readings want {words(more)}" if more else ""
     return f"{what} as stated leave a misfit of {fit.misfit(node):.0f} for {len(fit.residual)} readings{want}"
 
@@ -265,7 +258,7 @@ def _rig_as_stated(fit: Optimum, of: Node) -> Node:
 
 def _beyond(posterior: Posterior) -> tuple[str, ...]:
     acting = ((m.candidate, e.probability) for e in posterior.entries for m in e.explanation.members)
-    known = summed((candidate.name, p) for candidate, p in acting if candidate.outside)
+    known = summed((candidate, p) for candidate, p in acting if candidate.outside)
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
@@ -273,9 +266,8 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     said = (
         f"Something of about {posterior.beyond_newton:.2g} N acts that no effect here describes{''.join(alone)}{looks}."
     )
-    if (best := next(iter(known), "")) and known[best] >= 0.5:
-        title = next(e.title for e in leader.session.model.effects if e.name == best.split(".")[0])
-        said = f"Most of it is {best}, which rigs are known for and the catalogue leaves out: {title}."
+    if (best := next(iter(known), None)) and known[best] >= 0.5:
+        said = f"Most of it is {best.name}, which rigs are known for and the catalogue leaves out: {best.title}."
     return (said, *_beside(posterior, ()))
 
 

@@ -10,15 +10,17 @@ from fingermodel.diagnosis.posterior.hyper import (
     BUDGET,
     FAMILIES,
     GROUP,
+    MOST_NODES,
     SCATTER,
     SMOOTH,
+    STATED_FACTOR,
     Hyperparameters,
     Node,
+    Steps,
+    log_share,
 )
-from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.settings import MOST_NODES
 from fingermodel.session import Session
 
 
@@ -45,7 +47,7 @@ def test_every_axis_is_a_probability(recorded: SessionModel, published: SessionM
 def test_priors_say_what_the_explanation_says(recorded: SessionModel) -> None:
     hyper = Hyperparameters.of(recorded)
     budget, form = hyper.axes[BUDGET], hyper.form
-    assert np.exp(hyper.axes[SMOOTH].log_weight[0]) == pytest.approx(1.0 - settings.P_SMOOTH / len(FAMILIES))
+    assert np.exp(hyper.axes[SMOOTH].log_weight[0]) == pytest.approx(1.0 - settings.P_UNUSUAL / len(FAMILIES))
     assert np.exp(budget.log_weight[budget.values >= 2.8]).sum() == pytest.approx(0.1, abs=0.05)
     assert np.exp(form.log_weight[form.values > settings.FORM_NAMED]).sum() == pytest.approx(0.2, abs=0.06)
 
@@ -66,7 +68,7 @@ def test_a_stated_scatter_is_believed_within_a_factor(published: SessionModel) -
     axis = Hyperparameters.of(published).axes[SCATTER]
     stated = published.stated_scatter
     assert stated == pytest.approx(0.025)
-    near = (axis.values > stated / settings.STATED_FACTOR**2) & (axis.values < stated * settings.STATED_FACTOR**2)
+    near = (axis.values > stated / STATED_FACTOR**2) & (axis.values < stated * STATED_FACTOR**2)
     assert np.exp(axis.log_weight[near]).sum() > 0.9
 
 
@@ -79,7 +81,7 @@ def test_where_nothing_is_smooth_nobody_carries_it(recorded: SessionModel) -> No
     assert hyper.carrier(smooth) == ""
     # Carriers of what is smooth share one probability; of nothing there is none to share.
     each = [np.exp(hyper.log_prior(node) - hyper.log_prior(smooth)) for node in carried]
-    assert sum(each) == pytest.approx(settings.P_OF_ONE / (1.0 - settings.P_OF_ONE))
+    assert sum(each) == pytest.approx(settings.P_UNUSUAL / (1.0 - settings.P_UNUSUAL))
     for node in carried:
         none = hyper.without_smooth(node)
         assert hyper.log_prior(none) == pytest.approx(hyper.log_prior(hyper.without_smooth(smooth)))

@@ -17,7 +17,7 @@ from daq.standins.simulated import SimulatedCell
 from fingermodel.comparison.observations import Observations
 from fingermodel.comparison.reading_noise import Noise, SharedTare
 from fingermodel.diagnosis.model_free.answer import Residuals
-from fingermodel.diagnosis.model_free.budget import readings_of
+from fingermodel.diagnosis.model_free.budget import Readings
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
 from fingermodel.fingers.files import read_finger
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
@@ -241,7 +241,7 @@ def test_what_it_does_not_allow_does(group: str, name: str, bench: Session) -> N
 def test_a_wrong_angle_changes_the_forces_as_it_is_said_to(bench: Session) -> None:
     """The same torques at a moved posture need the forces that the angles' columns tell."""
     observations, finger = exact(bench.model, bench.observations), bench.model.finger
-    columns = readings_of(bench.model, observations).angles[0]
+    columns = Readings(bench.model, observations.inputs, observations).angles[0]
     rotations, settings = len(finger.topology.rotations), len(observations.layout.settings)
     said = columns.reshape(len(observations.ids), 6, settings, rotations)
     posture, values = np.asarray(observations.inputs.posture), jax_values(finger.values)

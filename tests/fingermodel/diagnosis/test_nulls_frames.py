@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.answer.answer import sentence
 from fingermodel.diagnosis.diagnose import diagnose
-from fingermodel.diagnosis.model_free.budget import readings_of
+from fingermodel.diagnosis.model_free.budget import Readings
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.model_free.nulls import nulls
 from fingermodel.session import Session
@@ -83,7 +83,7 @@ def test_two_mistakes_at_once_are_both_named(bench: Session) -> None:
 
 def test_forces_in_the_metacarpal_s_axes_are_named(bench: Session) -> None:
     wrench, tip = bench.observations.wrench.copy(), np.array(bench.observations.locations) == "tip"
-    to_base = readings_of(bench.model, bench.observations).to_base[tip]
+    to_base = Readings(bench.model, bench.observations.inputs, bench.observations).to_base[tip]
     wrench[tip, :3] = np.einsum("kab,kb->ka", to_base, wrench[tip, :3])
     said = mistake(bench, wrench)
     assert said is not None

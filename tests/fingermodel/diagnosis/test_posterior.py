@@ -126,7 +126,8 @@ def test_other_readings_have_the_likelihood_of_the_dense_gaussian(nothing: Optim
 )
 def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axes: tuple[int, ...]) -> None:
     columns = np.random.default_rng(8).normal(size=(len(nothing.residual), 3))
-    information, score = nothing.information(columns, axes)
+    said = nothing.quadratic_of(columns, axes)
+    information, score = said.hessian, said.gradient
     single, own = nothing.asked(columns, axes)
     np.testing.assert_allclose(np.diag(information), single, rtol=1e-6)
     np.testing.assert_allclose(score, own, rtol=1e-6, atol=1e-6 * np.abs(own).max())
@@ -257,13 +258,13 @@ def test_of_a_change_counts_what_neither_anatomy_nor_budget_could_do(nothing: Op
     of_case = nothing.whitening(nothing.best).of_case
     for one in columns.T[[0, len(columns.T) // 2, -1]]:
         information = float((of_case(one) ** 2).sum())
-        assert nothing.own.shares([one[:, None]])[0] ** 2 <= 1.0 / (1.0 + information) + 1e-9
+        assert nothing.own_shares([one[:, None]])[0] ** 2 <= 1.0 / (1.0 + information) + 1e-9
     # What their readings could not be at all is wholly its own.
     whitened = of_case(np.column_stack([columns, np.eye(len(columns))]))
     apart = np.linalg.svd(whitened[:, : len(columns.T)])[0][:, -1]
     other = np.linalg.solve(whitened[:, len(columns.T) :], apart)
-    assert nothing.own.shares([other[:, None]]) == pytest.approx([1.0], abs=1e-6)
-    assert nothing.own.shares([0.0 * other[:, None]]) == [0.0]
+    assert nothing.own_shares([other[:, None]]) == pytest.approx([1.0], abs=1e-6)
+    assert nothing.own_shares([0.0 * other[:, None]]) == [0.0]
 
 
 def test_an_effect_that_anatomy_undoes_is_not_named_beside_something_smooth(hanger: Optimum, nothing: Optimum) -> None:
@@ -280,21 +281,21 @@ def test_an_effect_that_anatomy_undoes_is_not_named_beside_something_smooth(hang
     assert named(hanger) == {name}
     assert hanger.sizes_newton[name] > hanger.hyper.smooth_newton(smooth) > 0.0
     undone = replace(hanger)
-    undone.own.__dict__["newton"] = {name: 0.5 * hanger.own.smooth_newton(smooth)}
+    undone.__dict__["own_newton"] = {name: 0.5 * hanger.own_smooth_newton(smooth)}
     assert named(undone) == frozenset()
     # Nor one of which less is left than its form may be wrong by; where nothing unknown acts, that is enough.
     nearly, least = replace(hanger), FORM_NAMED * hanger.sizes_newton[name]
-    assert hanger.own.smooth_newton(smooth) < 0.9 * least
-    nearly.own.__dict__["newton"] = {name: 0.9 * least}
+    assert hanger.own_smooth_newton(smooth) < 0.9 * least
+    nearly.__dict__["own_newton"] = {name: 0.9 * least}
     assert named(nearly) == frozenset()
-    assert nearly.own.named(hanger.hyper.without_smooth(smooth))[0] == {name}
+    assert nearly.named(hanger.hyper.without_smooth(smooth))[0] == {name}
 
 
 def test_a_fit_is_let_go_as_soon_as_nobody_asks_for_it(fitter: Fitter) -> None:
     # Its columns are many megabytes; the garbage collector might come late.
     fit = fitter.fit(NOTHING, fitter.session.problem.centre, fitter.hyper.usual)
     assert fit.nodes
-    assert fit.own.named(fit.best)
+    assert fit.named(fit.best)
     known = weakref.ref(fit)
     gc.disable()
     try:

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from daq.errors import SessionError
+from fingermodel.diagnosis.session_model.bad_cases import BAD_N
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.discrepancy import LEFT_OUT, Places, reduced
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.whitening import whitened
-from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
+from fingermodel.diagnosis.settings import P_NOTHING
 from fingermodel.effects.user import shipped_effects
 from fingermodel.session import Session
 

@@ -8,13 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.posterior.curves import Said, gain
+from fingermodel.diagnosis.posterior.curves import gain
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.several_sessions.shared_law import p_value
 
 Floats = NDArray[np.float64]
 
 
-def sessions(seed: int, count: int, weights: int) -> tuple[list[Said], list[Floats], list[Floats], list[Floats]]:
+def sessions(seed: int, count: int, weights: int) -> tuple[list[Quadratic], list[Floats], list[Floats], list[Floats]]:
     rng = np.random.default_rng(seed)
     said, columns, covariances, readings = [], [], [], []
     for _ in range(count):
@@ -22,7 +23,7 @@ def sessions(seed: int, count: int, weights: int) -> tuple[list[Said], list[Floa
         root = rng.normal(size=(n, n)) + 2.0 * np.eye(n)
         c, v, y = rng.normal(size=(n, weights)), root @ root.T, rng.normal(size=n)
         inverse = np.linalg.inv(v)
-        said.append(Said(0.0, c.T @ inverse @ c, c.T @ inverse @ y))
+        said.append(Quadratic(0.0, c.T @ inverse @ y, c.T @ inverse @ c, 0.0))
         columns.append(c)
         covariances.append(v)
         readings.append(y)

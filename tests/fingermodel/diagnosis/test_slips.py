@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.bad_cases import unlike_sound
-from fingermodel.diagnosis.session_model.bad_cases import Apart
+from fingermodel.diagnosis.search.beginning import unlike_sound
+from fingermodel.diagnosis.session_model.bad_cases import Apart, Explained, SlipsAbout
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.session_model.slip_odds import Explained, SlipsAbout
 from fingermodel.diagnosis.settings import SLIP_SHARES
 from fingermodel.fitting.roots import root_of, root_of_one_plus
 from fingermodel.session import Session
