@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of, largest_loads
-from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.marginals import Posterior, summed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
@@ -28,6 +28,7 @@ _DRAWS, _LEVELS = 24, (0.25, 0.5, 0.75, 1.0)
 def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
     """What rigs are known to do beyond the catalogue and these readings show, most probable first."""
     posterior = d.posterior
+    acting = summed((effect, e.probability) for e in posterior.entries for effect in {c.effect for c in e.known})
     out: list[dict[str, Any]] = []
     fits = [f for f in posterior.fits.values() if any(m.candidate.outside for m in f.explanation.members)]
     for fit in sorted(fits, key=posterior.weight, reverse=True):
@@ -35,7 +36,7 @@ def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
             name, title = member.candidate.effect, member.candidate.title
             if not member.candidate.outside or any(o["effect"] == name for o in out):
                 continue
-            probability = _of_effect(posterior, name)
+            probability = min(acting.get(name, 0.0), 1.0)
             if probability >= _OFFERED:
                 out.append(
                     {
@@ -50,10 +51,6 @@ def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
                     }
                 )
     return out
-
-
-def _of_effect(posterior: Posterior, effect: str) -> float:
-    return posterior.probability(lambda e: effect in e.explanation.effects)
 
 
 def _gain(posterior: Posterior, fit: Optimum) -> float:

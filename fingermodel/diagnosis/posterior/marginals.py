@@ -13,8 +13,8 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.hyper import GROUPS, OTHER_SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
-from fingermodel.diagnosis.settings import EVIDENCE_POWER
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Explanation
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
 
 K = TypeVar("K", bound=Hashable)
 
@@ -67,6 +67,14 @@ class Entry:
     def outside(self) -> bool:
         """Whether a known thing outside the catalogue is among what acts."""
         return any(m.candidate.outside for m in self.explanation.members)
+
+    @property
+    def known(self) -> tuple[Candidate, ...]:
+        """Known things outside the catalogue that act, and not by another law than theirs."""
+        members = self.explanation.members
+        if self.fit is not None and self.node is not None:
+            members = tuple(m for m, error in self.fit.off_in_form(self.node).items() if error <= FORM_NAMED)
+        return tuple(m.candidate for m in members if m.candidate.outside)
 
     @property
     def unnamed(self) -> bool:

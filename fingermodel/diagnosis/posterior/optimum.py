@@ -26,7 +26,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
 )
 from fingermodel.diagnosis.posterior.hyper import ACTING, CARRIER, FORMS, GROUPS, NOISE, SMOOTH, Node, Steps, log_share
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
-from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.session_model.candidates import Explanation, Member
 from fingermodel.diagnosis.settings import FAR, FORM_NAMED, WITHIN
 from fingermodel.fitting.roots import root_of_one_plus
 
@@ -280,13 +280,18 @@ class Optimum(Linearised):
             self._named[key] = self._names_at(node)
         return self._named[key]
 
+    def off_in_form(self, node: Node) -> dict[Member, float]:
+        """Error of each member's form at a node, relative; 0 of one whose form is exact."""
+        errors = iter(node[FORMS:])
+        return {
+            m: self.hyper.form.value[next(errors)] if m.candidate.has_form else 0.0 for m in self.explanation.members
+        }
+
     def _names_at(self, node: Node) -> tuple[frozenset[str], float]:
         sizes, own = self.sizes_newton, self.own_newton
         unknown, right = [(self.hyper.smooth_newton(node), self.own_smooth_newton(node))], list[str]()
-        errors = iter(node[FORMS:])
-        for member in self.explanation.members:
+        for member, error in self.off_in_form(node).items():
             name = member.candidate.name
-            error = self.hyper.form.value[next(errors)] if member.candidate.has_form else 0.0
             if member.candidate.outside:
                 unknown.append((sizes[name], own[name]))
             elif error > FORM_NAMED:

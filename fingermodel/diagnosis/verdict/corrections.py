@@ -21,7 +21,7 @@ from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import LONGEST_MM, OTHER_MOUNT
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, P_VALUE
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_ANGLE_RAD, P_VALUE
 from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind
 
 # Masses in another unit: what one that was entered as a gram is in grams.
@@ -274,28 +274,25 @@ class Entries:
         """An angle with the other sign, or two exchanged; all angles in radians: of one posture, or of every one."""
         o, rotations = self.session.observations, self.session.model.finger.topology.rotations
         angles = np.asarray(o.inputs.posture)
-        for name, posture in o.posture_angles.items():
-            here = of_label(o.postures, name)
-            for k in np.flatnonzero(posture):
-                turned = angles.copy()
-                turned[here, k] *= -1.0
-                words = f"{rotations[k]} in {name} has the other sign ({-np.rad2deg(posture[k]):g}°)"
-                yield self._one("posture", words, _with(o, posture=turned))
-            for a, b in combinations(np.flatnonzero(posture != 0.0).tolist(), 2):
-                if posture[a] != posture[b]:
-                    turned = np.where(here[:, None], _exchanged(angles, a, b), angles)
-                    words = f"{rotations[a]} and {rotations[b]} were exchanged in {name}"
-                    yield self._one("posture", words, _with(o, posture=turned))
-            if 0.0 < np.rad2deg(np.abs(posture).max()) < np.pi:
-                turned = np.where(here[:, None], np.rad2deg(angles), angles)
-                yield self._one("posture", f"the angles of {name} are in radians", _with(o, posture=turned))
-        for k in np.flatnonzero(angles.any(axis=0)) if len(o.posture_angles) > 1 else ():
-            turned = angles * np.where(np.arange(len(rotations)) == k, -1.0, 1.0)
-            words = f"{rotations[k]} has the other sign in all postures"
-            yield self._one("posture", words, _with(o, posture=turned))
-        if len(o.posture_angles) > 1 and 0.0 < np.rad2deg(np.abs(angles).max()) < np.pi:
-            words = "the angles of all postures are in radians"
-            yield self._one("posture", words, _with(o, posture=np.rad2deg(angles)))
+        places = {name: of_label(o.postures, name) for name in o.posture_angles}
+        if len(places) > 1:
+            places["all postures"] = np.ones(len(angles), dtype=bool)
+        for name, here in places.items():
+            chosen = angles[here]
+            bent = np.flatnonzero(chosen.any(axis=0)).tolist()
+            done = dict[str, Floats]()
+            for k in bent:
+                value = f" ({-np.rad2deg(chosen[0, k]):g}°)" if name in o.posture_angles else ""
+                turned = angles * np.where(np.arange(len(rotations)) == k, -1.0, 1.0)
+                done[f"{rotations[k]} has the other sign in {name}{value}"] = turned
+            for a, b in combinations(bent, 2):
+                if np.abs(chosen[:, a] - chosen[:, b]).max() >= LEAST_ANGLE_RAD:
+                    done[f"{rotations[a]} and {rotations[b]} were exchanged in {name}"] = _exchanged(angles, a, b)
+            if 0.0 < np.rad2deg(np.abs(chosen).max()) < np.pi:
+                done[f"the angles of {name} are in radians"] = np.rad2deg(angles)
+            for words, set_to in done.items():
+                posture = np.where(here[:, None], set_to, angles)
+                yield self._one("posture", words, _with(o, posture=posture))
 
     def _moments(self) -> Iterator[Corrected]:
         """Moments alone in another unit, or of the other sign."""

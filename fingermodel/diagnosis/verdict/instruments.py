@@ -22,7 +22,7 @@ FAULT_REMEDY = {
     "axes": "hang a known weight along each axis of the cell",
     "unit": "hang a known weight on the cell",
     "gain": "hang a known weight on the cell at both mounts",
-    "weight": "weigh the weights again",
+    "weight": "weigh the weights again, and see that they hang free",
     "tare": "look whether the recording was tared already",
 }
 

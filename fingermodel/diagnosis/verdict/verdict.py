@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc, ndtr
+from scipy.special import chdtrc
 
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, OF_GROUPS, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior, summed
@@ -16,8 +16,9 @@ from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
 from fingermodel.diagnosis.settings import EXTRA_NOISE_N, FORM_NAMED, LEAST_CASES, OF_GROUP, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
+from fingermodel.diagnosis.verdict.far_off import beyond_priors, far_off
 from fingermodel.diagnosis.verdict.trend import Trend
-from fingermodel.fitting.reading_errors import OTHER_SCATTER, other_scatter
+from fingermodel.fitting.reading_errors import other_scatter
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
@@ -165,14 +166,16 @@ def _found(
         )
     reasons += _beside(posterior, names)
     # Specimens differ by more than those of one study; of the rig the bench itself states what it may be off by.
-    if short := _left(posterior, fit, f"{words(names)}, noise, scatter and budget", _rig_as_stated(fit, fit.best)):
+    left = _left(posterior, fit, f"{words(names)}, noise, scatter and budget", _rig_as_stated(fit, fit.best))
+    if short := left or far_off(fit) or beyond_priors(fit):
         return Verdict("undecided", names, (), probability, tuple(reasons), (short,))
     return Verdict("found", names, tuple(dict.fromkeys(c.effect for c in sure)), probability, tuple(reasons))
 
 
 def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
     p, misfit = posterior.p_nothing, fit.misfit(fit.node)
-    if short := _left(posterior, fit, "noise, scatter and budget", fit.node) or far_off(fit):
+    left = _left(posterior, fit, "noise, scatter and budget", fit.node)
+    if short := left or far_off(fit) or beyond_priors(posterior.nothing):
         return Verdict("undecided", (), (), p, (), (short,))
     reason = (
         f"Noise, scatter and the stated budget explain the readings (misfit {misfit:.0f} for {len(fit.residual)} "
@@ -197,25 +200,6 @@ def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
         more.append(f"{1000.0 * noise:.0f} mN of noise beside the measured one")
     want = f"; the readings want {words(more)}" if more else ""
     return f"{what} as stated leave a misfit of {fit.misfit(node):.0f} for {len(fit.residual)} readings{want}"
-
-
-def far_off(fit: Optimum) -> str:
-    """What is said where one error of the rig is larger than chance makes the largest of all, budget as stated."""
-    table = fit.session.problem.model.parameters
-    of_rig = np.flatnonzero(fit.session.problem.free & table.of_kind("budget"))
-    times = {f"{table.names[k]} would have to be off by": abs(float(fit.x[k])) for k in of_rig}
-    count = len(times)
-    # Errors by group may be larger than usual, but no one of them alone.
-    found, usual = fit.everything(fit.node), GroupErrors.usual(fit.session.model.budget)._asdict()
-    for name, span in zip(found.names, fit.spans(found.names), strict=True):
-        each = np.abs(found.mean[span])
-        if name in usual and each.size:
-            times[f"one error ({OTHER_SCATTER[name].title}) would have to be"] = float(each.max() / usual[name])
-            count += each.size
-    most = max(times, key=lambda said: times[said], default="")
-    if not most or 2.0 * ndtr(-times[most]) * count >= P_VALUE:
-        return ""
-    return f"{most} {times[most]:.0f} times what is stated, or usual"
 
 
 def explains_as_stated(fit: Optimum) -> bool:
@@ -257,8 +241,7 @@ def _rig_as_stated(fit: Optimum, of: Node) -> Node:
 
 
 def _beyond(posterior: Posterior) -> tuple[str, ...]:
-    acting = ((m.candidate, e.probability) for e in posterior.entries for m in e.explanation.members)
-    known = summed((candidate, p) for candidate, p in acting if candidate.outside)
+    known = summed((candidate, e.probability) for e in posterior.entries for candidate in e.known)
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""

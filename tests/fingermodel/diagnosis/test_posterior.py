@@ -18,8 +18,8 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, OF_GROUP
+from fingermodel.diagnosis.verdict.far_off import far_off
 from fingermodel.diagnosis.verdict.predictive import predicted
-from fingermodel.diagnosis.verdict.verdict import far_off
 from fingermodel.session import Session
 from tests.fingermodel.diagnosis.dense import dense, dense_of_all
 

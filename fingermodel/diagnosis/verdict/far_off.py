@@ -1,0 +1,107 @@
+"""What would have to be further off than chance makes it: one error of the rig, one part of the specimen, or all alike.
+
+The multiples of budget and anatomy stand for a rig, and a specimen, that differ throughout, and scatter for cases that
+all scatter alike. Where a single part is far off, or all of them by more than is thought possible, something else acts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import fdtrc, ndtr
+
+from fingermodel.arrays import Floats
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, ANGLE, BUDGET, COMPONENT, DIRECTION, SCATTER
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.group_errors import GroupErrors
+from fingermodel.diagnosis.settings import P_VALUE
+from fingermodel.fitting.reading_errors import OTHER_SCATTER
+
+# Axes whose last value is the most that is thought possible.
+_MOST = {
+    SCATTER: "scatter of the tensions",
+    COMPONENT: OTHER_SCATTER["component"].title,
+    DIRECTION: OTHER_SCATTER["direction"].title,
+    ANGLE: OTHER_SCATTER["angle_rad"].title,
+    BUDGET: "budget",
+    ANATOMY: "spread of anatomy",
+}
+# Readings tell so much of a part of the anatomy at least, in parameters, of which one asks.
+_TOLD = 0.5
+
+
+def far_off(fit: Optimum) -> str:
+    """What is said where one error of the rig, or one part of the specimen, is larger than chance makes the largest."""
+    return _of_rig(fit) or _of_anatomy(fit)
+
+
+def beyond_priors(fit: Optimum) -> str:
+    """What is said where the readings want the most of something that is thought possible."""
+    for axis, name in _MOST.items():
+        values = fit.hyper.axes[axis].values
+        if 0 < len(values) - 1 == fit.best[axis]:
+            return f"the readings want the largest {name} that is thought possible, so that something else acts"
+    return ""
+
+
+def _of_rig(fit: Optimum) -> str:
+    table = fit.session.problem.model.parameters
+    of_rig = np.flatnonzero(fit.session.problem.free & table.of_kind("budget"))
+    times = {f"{table.names[k]} would have to be off by": abs(float(fit.x[k])) for k in of_rig}
+    count = len(times)
+    # Errors by group may be larger than usual, but no one of them alone.
+    found, usual = fit.everything(fit.node), GroupErrors.usual(fit.session.model.budget)._asdict()
+    for name, span in zip(found.names, fit.spans(found.names), strict=True):
+        each = np.abs(found.mean[span])
+        if name in usual and each.size:
+            times[f"one error ({OTHER_SCATTER[name].title}) would have to be"] = float(each.max() / usual[name])
+            count += each.size
+    most = max(times, key=lambda said: times[said], default="")
+    if not most or 2.0 * ndtr(-times[most]) * count >= P_VALUE:
+        return ""
+    return f"{most} {times[most]:.0f} times what is stated, or usual"
+
+
+def _of_anatomy(fit: Optimum) -> str:
+    """One tendon's points at a joint, or a share of the hood, against how far all others lie from the finger's file."""
+    table, found = fit.session.problem.model.parameters, fit.everything(fit.node)
+    index, at = found.parameters
+    multiple, parts = fit.hyper.values(fit.node).anatomy, dict[str, list[int]]()
+    for k, place in zip(index.tolist(), at.tolist(), strict=True):
+        if table.of_kind("anatomy")[k]:
+            parts.setdefault(".".join(table.names[k].split(".")[:3]), []).append(place)
+    # Of what the readings do not tell, the prior alone would speak.
+    told = np.array([len(p) - np.trace(found.covariance[np.ix_(p, p)]) / multiple**2 for p in parts.values()])
+    far = np.array([float((found.mean[p] ** 2).sum()) for p in parts.values()])
+    others = told.sum() - told
+    asked = (told > _TOLD) & (others > _TOLD)
+    if not asked.any():
+        return ""
+    # A specimen that resembles its file in everything else differs by what is stated all the same.
+    usual = np.maximum((far.sum() - far)[asked] / others[asked], 1.0)
+    chance = fdtrc(told[asked], others[asked], far[asked] / told[asked] / usual)
+    least = int(np.argmin(chance))
+    if chance[least] * len(chance) >= P_VALUE:
+        return ""
+    name = [n for n, is_asked in zip(parts, asked, strict=True) if is_asked][least]
+    return f"{_worded(fit, name)} than the rest of the specimen does; look at the finger's file and at the tendon there"
+
+
+def _worded(fit: Optimum, name: str) -> str:
+    """What differs, as a tendon's moment arm where it is one's points."""
+    segment, topology = name.removeprefix("point."), fit.session.model.finger.topology
+    named = [s.name for s in topology.segments]
+    if segment not in named or topology.segments[named.index(segment)].joint not in topology.rotations:
+        return f"{name} would have to differ far more from the finger's file"
+    k = named.index(segment)
+    joint, slip = topology.segments[k].joint, topology.segments[k].slip
+    now, stated = (_arm_mm(fit, theta, joint, k) for theta in (fit.theta, fit.session.problem.centre))
+    arms = f"a moment arm of {now:.1f} mm instead of {stated:.1f} mm"
+    return f"{slip} at the {joint} ({arms}) would have to differ far more from the finger's file"
+
+
+def _arm_mm(fit: Optimum, theta: Floats, joint: str, segment: int) -> float:
+    """Mean moment arm over the session's postures [mm], flexion positive."""
+    model = fit.session.model
+    row = model.finger.topology.rotations.index(joint)
+    postures = fit.session.observations.posture_angles.values()
+    return float(np.mean([np.asarray(model.moment_arms(angles, theta))[row, segment] for angles in postures]))
