@@ -177,6 +177,12 @@ def joints_in_a_posture(session: Recorded, rng: Rng) -> None:
     angles["PIP"], angles["DIP"] = angles["DIP"], angles["PIP"]
 
 
+def joints_everywhere(session: Recorded, _: Rng) -> None:
+    """Enter two angles of every posture in each other's place."""
+    for angles in session.document["postures_deg"].values():
+        angles["PIP"], angles["DIP"] = angles["DIP"], angles["PIP"]
+
+
 def mistyped_angle(session: Recorded, rng: Rng) -> None:
     """Enter one angle of one posture by 15 to 30 degrees more or less."""
     angles = session.postures[str(rng.choice(sorted(session.postures)))]
@@ -299,6 +305,7 @@ FAULTS: dict[Fault, str] = {
     sign: "posture",
     sign_everywhere: "posture",
     joints_in_a_posture: "posture",
+    joints_everywhere: "posture",
     mistyped_angle: "posture",
     radians: "posture",
     unseen_sign: "posture",

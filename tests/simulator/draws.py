@@ -15,7 +15,7 @@ from tests.simulator import outside as _outside  # noqa: F401
 from tests.simulator.finger import Floats
 from tests.simulator.protocols import PROTOCOLS, Protocol
 from tests.simulator.recording import record, write_session
-from tests.simulator.rig import Rig, acting, draw_rig, read_cases, wander
+from tests.simulator.rig import Acting, Rig, acting, draw_rig, read_cases, wander
 from tests.simulator.situation import CATALOGUE, OUTSIDE, Effect, Size, sizes_of
 
 Kind = Literal["none", "one", "two", "outside"]
@@ -98,6 +98,7 @@ def draw_session(
     nuisance_scale: float | None = None,
     further: Sequence[tuple[str, str, Mapping[str, float]]] = (),
     done: Callable[[Protocol], tuple[Protocol, Protocol]] | None = None,
+    unforeseen: Sequence[Acting] = (),
 ) -> Truth:
     """Write `session.yaml` and `readings.parquet` of a test on a specimen of its own.
 
@@ -115,6 +116,7 @@ def draw_session(
         further: identification cases after the protocol's end (posture, location, masses [g]), each in a posture set
             anew; the readings before them stay as they were.
         done: gives what is done and what the session states, of the protocol; see `slips`.
+        unforeseen: what acts as well and is in no list.
     """
     if protocol not in PROTOCOLS:
         raise KeyError(f"{protocol} is none of {', '.join(PROTOCOLS)}")
@@ -133,7 +135,8 @@ def draw_session(
     sizes = sizes_of(effects or {})
     rig = bare.with_effects(acting(CATALOGUE[n], sizes[n], seed) for n in CATALOGUE if n in sizes)
     plain = read_cases(bare, plan)
-    loads = read_cases(rig, plan) if sizes else plain
+    rig = rig.with_effects(unforeseen)
+    loads = read_cases(rig, plan) if sizes or unforeseen else plain
     named = {
         f"{n}.{place}" if place else n: float(x)
         for n, size in sizes.items()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 import weakref
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,13 +14,23 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.hyper import ACTING, ANATOMY, BUDGET, FORMS, GROUP, GROUPS, SMOOTH, Hyperparameters
-from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
+from fingermodel.diagnosis.posterior.hyper import (
+    ACTING,
+    ANATOMY,
+    BUDGET,
+    FORMS,
+    GROUP,
+    GROUPS,
+    SCATTER,
+    SMOOTH,
+    Hyperparameters,
+)
+from fingermodel.diagnosis.posterior.marginals import Entry, Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, OF_GROUP
-from fingermodel.diagnosis.verdict.far_off import far_off
+from fingermodel.diagnosis.verdict.far_off import beyond_priors, far_off
 from fingermodel.diagnosis.verdict.predictive import predicted
 from fingermodel.session import Session
 from tests.fingermodel.diagnosis.dense import dense, dense_of_all
@@ -62,6 +74,7 @@ def sheath(fitter: Fitter, nothing: Optimum) -> Optimum:
         (2, 0, 1, 2, 2, 0, 2, 2, 2, 2, 2, 2, 2, 2, 0, 4, 3, 2, 1),
         (2, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 4, 0, 3, 0, 9),
         (2, 0, 1, 2, 2, 0, 2, 2, 2, 2, 2, 2, 2, 2, 0, 5, 0, 0, 2),
+        (2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3, 4, 3, 2, 12),
     ],
 )
 def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[int, ...]) -> None:
@@ -325,6 +338,42 @@ def test_one_weight_far_beyond_a_usual_one_is_no_small_error(hanger: Optimum, of
     moved = hanger.residual + off * weights[:, int(np.argmax((weights**2).sum(axis=0)))]
     assert far_off(replace(hanger.but(residual=moved), node=tuple(node))).startswith(said)
     assert bool(far_off(replace(hanger.but(residual=moved), node=tuple(node)))) is bool(said)
+
+
+def test_one_part_of_the_specimen_far_beyond_all_others_is_no_small_difference(hanger: Optimum) -> None:
+    """A finger that differs throughout, by three times what is stated, is one; a single tendon far off is none."""
+    table = hanger.session.model.parameters
+    anatomy = np.flatnonzero(table.of_kind("anatomy") & (table.sd > 0.0))
+    throughout = 3.0 * np.random.default_rng(3).standard_normal(len(anatomy))
+    assert far_off(hanger.but(residual=hanger.residual + hanger.slopes[:, anatomy] @ throughout)) == ""
+    one = table.index["point.PIP.FDS.proximal.y"]
+    said = far_off(hanger.but(residual=hanger.residual + 12.0 * hanger.slopes[:, one]))
+    assert said.startswith("FDS at the PIP (a moment arm of ")
+    share = far_off(hanger.but(residual=hanger.residual + 12.0 * hanger.slopes[:, table.index["fraction.EDC_ES"]]))
+    assert share.startswith("fraction.EDC_ES would have to differ")
+
+
+@pytest.mark.parametrize(
+    ("axis", "said"),
+    [(ANATOMY, "the largest spread of anatomy"), (BUDGET, "the largest budget"), (SCATTER, "the largest scatter of")],
+)
+def test_readings_that_want_all_that_is_thought_possible_say_that_something_else_acts(
+    hanger: Optimum, axis: int, said: str
+) -> None:
+    most = list(hanger.best)
+    assert beyond_priors(hanger) == ""
+    most[axis] = len(hanger.hyper.axes[axis].values) - 1
+    assert said in beyond_priors(cast("Optimum", SimpleNamespace(hyper=hanger.hyper, best=tuple(most))))
+
+
+def test_what_is_off_in_its_form_is_not_the_known_thing(fitter: Fitter, nothing: Optimum) -> None:
+    outside = next(e for e in fitter.candidates.singles if e.members[0].candidate.outside)
+    right, off = (replace(nothing, explanation=outside).off_in_form((*nothing.best, k)) for k in (0, 4))
+    assert list(right) == list(off) == list(outside.members)
+    node = (*nothing.best[:FORMS], 0)
+    known = Entry(outside, replace(nothing, explanation=outside), node, frozenset(), 0.1, 1.0)
+    assert [c.name for c in known.known] == list(outside.names)
+    assert replace(known, node=(*node[:FORMS], 4)).known == ()
 
 
 def test_errors_that_no_fitted_case_shows_are_not_told(nothing: Optimum) -> None:
