@@ -204,7 +204,15 @@ class Session:
         return self._edit({}, "cases", case, "include")
 
     def amend(
-        self, cases: str, why: str, *, tendons: Mapping[str, str] | None = None, posture: str | None = None
+        self,
+        cases: str,
+        why: str,
+        *,
+        tendons: Mapping[str, str] | None = None,
+        masses_g: Mapping[str, float] | None = None,
+        weights_g: Mapping[float, float] | None = None,
+        posture: str | None = None,
+        location: str | None = None,
     ) -> Edit:
         """Say what load cases that were entered wrongly really were; the entries are kept, and it can be undone.
 
@@ -212,11 +220,15 @@ class Session:
             cases: a case's id, a posture, `tip`, `bone`, `all`, `c017..` (from it on), or several joined by commas.
             why: how it is known.
             tendons: the tendon that bore the weight, by the one that was entered.
+            masses_g: what really hung on a tendon [g], 0 for nothing; other tendons keep what was entered.
+            weights_g: what a weight really weighs [g], by what was entered wherever it hung.
             posture: that was really set.
+            location: where the cell really was, `tip` or `bone`.
         """
-        return self._edit(
-            {"amend": [{"cases": cases, "tendons": dict(tendons or {}), "posture": posture}], "why": why}, "amend"
-        )
+        really = {"cases": cases, "tendons": dict(tendons or {}), "masses_g": dict(masses_g or {})}
+        really |= {"weights_g": {f"{entered:.12g}": true for entered, true in (weights_g or {}).items()}}
+        really |= {"posture": posture, "location": location}
+        return self._edit({"amend": [really], "why": why}, "amend")
 
     def undo(self, edit: Edit | int) -> Edit:
         """Take an edit back; an undo can be taken back too."""

@@ -61,6 +61,18 @@ def test_a_block_of_cases_is_amended_and_taken_back(twin: Client) -> None:
     assert {case.id: case.masses_g for case in session.cases()} == before
 
 
+def test_what_hung_what_it_weighs_and_where_the_cell_was_is_amended(twin: Client) -> None:
+    session = twin.upload("synek2019_H01")
+    first, *rest = session.cases()
+    ((tendon, grams),) = (first.masses_g or {}).items()
+    other = "bone" if first.location == "tip" else "tip"
+    session.amend(first.id, "weighed again", masses_g={tendon: grams + 7.5}, location=other)
+    session.amend("all", "the set was weighed", weights_g={grams + 7.5: 1.1 * grams})
+    shown = {case.id: case for case in session.compare().cases}
+    assert (shown[first.id].masses_g, shown[first.id].location) == ({tendon: 1.1 * grams}, other)
+    assert {c.id: c.masses_g for c in rest} == {k: c.masses_g for k, c in shown.items() if k != first.id}
+
+
 def test_a_window_that_is_none_is_refused(twin: Client) -> None:
     session = twin.upload("DEV-01")
     with pytest.raises(InputError, match="of unloaded_s, loaded_s, unloaded_after_s"):
