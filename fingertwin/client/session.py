@@ -225,9 +225,9 @@ class Session:
             posture: that was really set.
             location: where the cell really was, `tip` or `bone`.
         """
-        really = {"cases": cases, "tendons": dict(tendons or {}), "masses_g": dict(masses_g or {})}
+        really: dict[str, Any] = {"cases": cases, "posture": posture, "location": location}
+        really |= {"tendons": dict(tendons or {}), "masses_g": dict(masses_g or {})}
         really |= {"weights_g": {f"{entered:.12g}": true for entered, true in (weights_g or {}).items()}}
-        really |= {"posture": posture, "location": location}
         return self._edit({"amend": [really], "why": why}, "amend")
 
     def undo(self, edit: Edit | int) -> Edit:
