@@ -23,9 +23,7 @@ def test_an_effect_in_one_posture_alone_is_told_there_and_gets_no_other_name(tmp
         if s.case.posture == posture:
             effect.act(s, size, shape)
 
-    draw_session(
-        tmp_path, 71, protocol="short", nuisance_scale=1.0, unforeseen=[replace(rubs, effect=replace(effect, act=rub))]
-    )
+    draw_session(tmp_path, 71, nuisance_scale=1.0, unforeseen=[replace(rubs, effect=replace(effect, act=rub))])
     found = diagnosed(tmp_path)
     assert (found["verdict"], found["effects"], found["session_faults"]) == ("none_of_catalogue", [], [])
     assert found["beyond"]["of_one_alone"][posture] > 0.9
@@ -38,9 +36,7 @@ def test_a_tendon_whose_arm_is_another_than_the_fingers_is_named_and_not_passed_
         s.tension = np.where(s.finger.of("FDS", joint="PIP"), size[0] * s.tension, s.tension)
 
     sharing = Effect("cut_slip", "sharing", "1", 0.0, 1.0, ("",), cut)
-    draw_session(
-        tmp_path, 72, protocol="short", nuisance_scale=1.0, unforeseen=[Acting(sharing, np.array([0.6]), np.zeros(8))]
-    )
+    draw_session(tmp_path, 72, nuisance_scale=1.0, unforeseen=[Acting(sharing, np.array([0.6]), np.zeros(8))])
     found = diagnosed(tmp_path)
     assert (found["verdict"], found["effects"]) == ("undecided", [])
-    assert "FDS at the PIP (a moment arm of " in found["reasons"][0] + found["reasons"][-1]
+    assert any("FDS at the PIP (a moment arm of " in reason for reason in found["reasons"])

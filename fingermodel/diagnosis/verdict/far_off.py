@@ -31,7 +31,7 @@ _TOLD = 0.5
 
 def far_off(fit: Optimum) -> str:
     """What is said where one error of the rig, or one part of the specimen, is larger than chance makes the largest."""
-    return _of_rig(fit) or _of_anatomy(fit)
+    return _of_rig(fit) or part_far_off(fit)
 
 
 def beyond_priors(fit: Optimum) -> str:
@@ -61,8 +61,8 @@ def _of_rig(fit: Optimum) -> str:
     return f"{most} {times[most]:.0f} times what is stated, or usual"
 
 
-def _of_anatomy(fit: Optimum) -> str:
-    """One tendon's points at a joint, or a share of the hood, against how far all others lie from the finger's file."""
+def part_far_off(fit: Optimum) -> str:
+    """What is said where one tendon at a joint, or a share of the hood, is far further off than all other parts."""
     table, found = fit.session.problem.model.parameters, fit.everything(fit.node)
     index, at = found.parameters
     multiple, parts = fit.hyper.values(fit.node).anatomy, dict[str, list[int]]()
