@@ -46,19 +46,23 @@ def beyond_priors(fit: Optimum) -> str:
 def _of_rig(fit: Optimum) -> str:
     table = fit.session.problem.model.parameters
     of_rig = np.flatnonzero(fit.session.problem.free & table.of_kind("budget"))
-    times = {f"{table.names[k]} would have to be off by": abs(float(fit.x[k])) for k in of_rig}
-    count = len(times)
+    off = {f"{table.names[k]} would have to be off by": abs(float(fit.x[k])) for k in of_rig}
+    # Of a rig that is worse throughout, one error may be, too.
+    chance = {said: 2.0 * ndtr(-times / fit.hyper.values(fit.node).budget) for said, times in off.items()}
+    count = len(off)
     # Errors by group may be larger than usual, but no one of them alone.
     found, usual = fit.everything(fit.node), GroupErrors.usual(fit.session.model.budget)._asdict()
     for name, span in zip(found.names, fit.spans(found.names), strict=True):
         each = np.abs(found.mean[span])
         if name in usual and each.size:
-            times[f"one error ({OTHER_SCATTER[name].title}) would have to be"] = float(each.max() / usual[name])
+            said = f"one error ({OTHER_SCATTER[name].title}) would have to be"
+            off[said] = float(each.max() / usual[name])
+            chance[said] = 2.0 * ndtr(-off[said])
             count += each.size
-    most = max(times, key=lambda said: times[said], default="")
-    if not most or 2.0 * ndtr(-times[most]) * count >= P_VALUE:
+    least = min(chance, key=lambda said: chance[said], default="")
+    if not least or chance[least] * count >= P_VALUE:
         return ""
-    return f"{most} {times[most]:.0f} times what is stated, or usual"
+    return f"{least} {off[least]:.0f} times what is stated, or usual"
 
 
 def part_far_off(fit: Optimum) -> str:
