@@ -114,6 +114,23 @@ def test_a_posture_that_was_another_one_of_the_times_it_was_set_is_named(tmp_pat
     assert change["posture"] == set_to
 
 
+def test_a_slip_beside_a_fault_of_the_session_is_named_too(tmp_path: Path) -> None:
+    """And no case is a suspect for what the fault does to it."""
+    draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    tips = [c for c in session.document["cases"] if c["location"] == "tip"]
+    posture = tips[0]["posture"]
+    alone = [c for c in tips if c["posture"] != posture and c["role"] == "identification"][2]
+    for case in [*(c for c in tips if c["posture"] == posture), alone]:
+        case["location"] = "bone"
+    session.write()
+    found = diagnosed(tmp_path)
+    (fault,) = found["session_faults"]
+    assert (fault["kind"], fault["amend"][0]["location"]) == ("mount", "tip")
+    assert [s["case"] for s in found["suspects"]] == [alone["id"]]
+    assert found["suspects"][0]["reads_like"][0]["location"] == "tip"
+
+
 def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)

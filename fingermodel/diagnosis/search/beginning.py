@@ -119,7 +119,7 @@ class Beginner:
 
     def grossly(self) -> Beginning:
         """Begin beside the cases that are grossly off, less those that turn out to be sound."""
-        begun = self.beside(self._gross())
+        begun = self.beside(self.gross())
         sound = self._sound(begun)
         slips = tuple(cases for cases in self._paired(begun) if not cases & sound)[: self.most]
         return replace(begun, slips=slips) if bad_in(slips) == begun.bad else self.beside(slips)
@@ -172,7 +172,7 @@ class Beginner:
         slips = sum(max(LOG_PRIOR_ODDS + 0.5 * misfit, 0.0) for misfit in worst[:further])
         return max(base.log_posterior, *gains) + slips
 
-    def _gross(self) -> Slipped:
+    def gross(self) -> Slipped:
         """Cases so far off that no fit is needed to see it, and any fit would be bent by them; the worst first.
 
         They are bad although all candidates are free, cases scatter much, and budget and anatomy are as wide as can be.

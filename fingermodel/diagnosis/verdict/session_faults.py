@@ -21,6 +21,7 @@ from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.search.beginning import Beginner, bad_in
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE
@@ -118,7 +119,8 @@ def put_right(candidates: Candidates, nothing: Optimum, before: Sequence[PutRigh
         return []
     # Beside an effect, and beside slips, the likeliest is likelier still.
     likeliest = max(alone, key=lambda o: alone[o].log_posterior)
-    for bad in dict.fromkeys([frozenset[int](), nothing.bad]):
+    right = Beginner(_with_readings(session, likeliest.observations), candidates)
+    for bad in dict.fromkeys([frozenset[int](), nothing.bad, bad_in(right.gross())]):
         base = _base(candidates, nothing, likeliest, bad) if bad else bases[likeliest]
         beside = _fitted(nothing, likeliest, possible.prior(likeliest.kind), base, 2)
         alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
