@@ -119,8 +119,10 @@ def put_right(candidates: Candidates, nothing: Optimum, before: Sequence[PutRigh
         return []
     # Beside an effect, and beside slips, the likeliest is likelier still.
     likeliest = max(alone, key=lambda o: alone[o].log_posterior)
-    right = Beginner(_with_readings(session, likeliest.observations), candidates)
-    for bad in dict.fromkeys([frozenset[int](), nothing.bad, bad_in(right.gross())]):
+    slips = [frozenset[int](), nothing.bad]
+    if alone[likeliest].log_posterior > nothing.log_posterior:
+        slips.append(bad_in(Beginner(_with_readings(session, likeliest.observations), candidates).gross()))
+    for bad in dict.fromkeys(slips):
         base = _base(candidates, nothing, likeliest, bad) if bad else bases[likeliest]
         beside = _fitted(nothing, likeliest, possible.prior(likeliest.kind), base, 2)
         alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
