@@ -14,9 +14,11 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.hyper import GROUPS, OTHER_SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Explanation
-from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
+from fingermodel.diagnosis.settings import EVIDENCE_POWER
 
 K = TypeVar("K", bound=Hashable)
+# Error of a form from which on what acts is no longer mostly by the law that it is named after.
+_MOSTLY = 0.5
 
 
 def weighed(log_posterior: float, log_prior: float) -> float:
@@ -70,10 +72,10 @@ class Entry:
 
     @property
     def known(self) -> tuple[Candidate, ...]:
-        """Known things outside the catalogue that act, and not by another law than theirs."""
+        """Known things outside the catalogue that act, more by their law than by an error of it."""
         members = self.explanation.members
         if self.fit is not None and self.node is not None:
-            members = tuple(m for m, error in self.fit.off_in_form(self.node).items() if error <= FORM_NAMED)
+            members = tuple(m for m, error in self.fit.off_in_form(self.node).items() if error < _MOSTLY)
         return tuple(m.candidate for m in members if m.candidate.outside)
 
     @property

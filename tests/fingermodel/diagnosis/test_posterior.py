@@ -368,12 +368,13 @@ def test_readings_that_want_all_that_is_thought_possible_say_that_something_else
 
 def test_what_is_off_in_its_form_is_not_the_known_thing(fitter: Fitter, nothing: Optimum) -> None:
     outside = next(e for e in fitter.candidates.singles if e.members[0].candidate.outside)
-    right, off = (replace(nothing, explanation=outside).off_in_form((*nothing.best, k)) for k in (0, 4))
+    right, off = (replace(nothing, explanation=outside).off_in_form((*nothing.best, k)) for k in (0, 5))
     assert list(right) == list(off) == list(outside.members)
     node = (*nothing.best[:FORMS], 0)
     known = Entry(outside, replace(nothing, explanation=outside), node, frozenset(), 0.1, 1.0)
     assert [c.name for c in known.known] == list(outside.names)
-    assert replace(known, node=(*node[:FORMS], 4)).known == ()
+    assert replace(known, node=(*node[:FORMS], 4)).known == known.known
+    assert replace(known, node=(*node[:FORMS], 5)).known == ()
 
 
 def test_errors_that_no_fitted_case_shows_are_not_told(nothing: Optimum) -> None:
