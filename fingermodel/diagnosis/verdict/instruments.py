@@ -17,7 +17,7 @@ FAULT_REMEDY = {
     "rows": "compare the entries with the notebook, row by row",
     "side": "look which hand it is",
     "posture": "measure the joint angles again",
-    "mount": "look at which mount the cell was",
+    "mount": "look up at which mount the cell was",
     "mass_unit": "weigh one of the weights",
     "axes": "hang a known weight along each axis of the cell",
     "unit": "hang a known weight on the cell",
