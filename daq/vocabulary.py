@@ -20,6 +20,7 @@ TENDONS = ("RI", "LU", "UI", "FDP", "FDS", "EDC")
 JOINT_ANGLES = ("MCP", "PIP", "DIP", "abduction")
 ROLES = ("identification", "validation")
 LOCATIONS = ("tip", "bone")
+OTHER_MOUNT = {"tip": "bone", "bone": "tip"}
 EVENT_KINDS = ("tare", "set_posture", "move_cell", "retie", "slip", "moisten", "temperature", "note")
 ROTATION_TOLERANCE = 1e-6
 # No load cell tells so many N or N mm, in whatever unit its readings are; what is larger could not be squared.

@@ -22,6 +22,7 @@ from daq.sessions.mountings import mounting_of
 from daq.signals.calibration import MountTransform, mount_transform
 from daq.signals.tension_estimate import estimated_tension
 from daq.signals.tension_scatter import is_asked, tension_scatter
+from daq.vocabulary import OTHER_MOUNT
 
 Floats = NDArray[np.float64]
 
@@ -87,8 +88,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
     # A force is left as it is: `MeasuredSession.require_forces` says so to whoever would fit it.
     dead_moments = dead & (np.arange(6) >= 3)
     unread = {mount: (transform.matrix != 0.0) @ dead_moments for mount, transform in transforms.items()}
-    tip, bone = (transforms[mount].matrix for mount in ("tip", "bone"))
-    to_other_mount = {"tip": bone @ np.linalg.inv(tip), "bone": tip @ np.linalg.inv(bone)}
+    to_other_mount = {m: transforms[o].matrix @ np.linalg.inv(transforms[m].matrix) for m, o in OTHER_MOUNT.items()}
     measured = []
     for row, case in enumerate(cases):
         if case.loaded_s is None or case.unloaded_s is None:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.recorded import Recorded
 from benchmarks.session_faults import (
-    Recorded,
     every_angle_in_radians,
     gain_of,
     joints_everywhere,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from benchmarks.session_faults import Recorded
+from benchmarks.recorded import Recorded
 from daq.sessions.models import Mount
 from daq.signals.calibration import mount_transform
-from fingermodel.diagnosis.session_model.slips import OTHER_MOUNT
+from daq.vocabulary import OTHER_MOUNT
 from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
 from tests.simulator.protocols import PROTOCOLS

@@ -14,6 +14,7 @@ from typing import Literal
 import jax
 import numpy as np
 
+from daq.vocabulary import OTHER_MOUNT
 from fingermodel.arrays import Floats
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.settings import LEVER_MM, SLIP_SHARES
@@ -23,7 +24,6 @@ Kind = Literal["tendon", "mass", "unloaded", "kept", "posture", "mount", "exchan
 
 # No lever in a finger is longer [mm].
 LONGEST_MM = 10.0 * LEVER_MM
-OTHER_MOUNT = {"tip": "bone", "bone": "tip"}
 # Factors by which a mass is entered wrongly in another unit, or with its decimal point in another place.
 _UNITS = {
     1000.0: "kg were entered for g",
@@ -128,7 +128,7 @@ class PossibleSlips:
         place = self._observations.locations[case]
         elsewhere = OTHER_MOUNT[place]
         lever = LONGEST_MM if elsewhere == "bone" else 0.0
-        words = f"the cell was at the {elsewhere}, not the {place}"
+        words = at_other_mount(place)
         pulled_N = float(self._tension[case].sum())
         yield hung("mount", words, loaded, location=elsewhere, open_Nmm=lever * pulled_N)
         yield hung("window", "the tare was taken with the weight on", loaded, sign=0.0)
@@ -157,6 +157,11 @@ class PossibleSlips:
             if not (same_loads or same_posture):
                 words = f"the loads were exchanged with those of {name}"
                 yield Slip("exchanged", words, masses, o.postures[case], tension, case, 1.0, other)
+
+
+def at_other_mount(entered: str) -> str:
+    """Say that the cell was at the other mount."""
+    return f"the cell was at the {OTHER_MOUNT[entered]}, not the {entered}"
 
 
 def _turned(grams: float) -> list[float]:

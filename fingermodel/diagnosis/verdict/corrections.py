@@ -15,12 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import chdtri
 
+from daq.vocabulary import OTHER_MOUNT
 from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slips import LONGEST_MM, OTHER_MOUNT
+from fingermodel.diagnosis.session_model.slips import LONGEST_MM, at_other_mount
 from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_ANGLE_RAD, P_VALUE
 from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind
 
@@ -179,7 +180,7 @@ class Entries:
         """Cases that were read at the other mount: all, those of a posture, or some for which it was set once."""
         o, rows = self.session.observations, self.session.rows
         every = ~of_label(o.roles, "check")
-        away = self._residual(_at_other_mount(o, every))
+        away = self._residual(_read_at_other_mount(o, every))
         # Which moments there are at the bone nobody knows.
         away = np.where((rows % 6 >= 3) & of_label(o.locations, "tip")[rows // 6], 0.0, away)
         places = {"throughout": ("", every)}
@@ -190,16 +191,16 @@ class Entries:
             of_mount = {p: cases & of_label(o.locations, p) for p in dict.fromkeys(o.locations)}
             here = {p: moved for p, moved in of_mount.items() if moved.any()}
             amend = {p: Amend(f"{named}{p}", location=OTHER_MOUNT[p]) for p in here}
-            blocks += [(f"{_other(p)} {where}", moved, (amend[p],)) for p, moved in here.items()]
+            blocks += [(f"{at_other_mount(p)}, {where}", moved, (amend[p],)) for p, moved in here.items()]
             if len(here) > 1:
                 blocks.append((f"tip and bone were exchanged {where}", cases, tuple(amend.values())))
         for of_posture in self._set_once.values():
             for where, (named, moved) in of_posture.items():
                 place = o.locations[int(np.argmax(moved))]
-                blocks.append((f"{_other(place)}{where}", moved, (Amend(named, location=OTHER_MOUNT[place]),)))
+                blocks.append((f"{at_other_mount(place)},{where}", moved, (Amend(named, location=OTHER_MOUNT[place]),)))
         for words, moved, amendments in blocks:
             left = np.where(moved[rows // 6], away, self.away)
-            yield Corrected("mount", words, _at_other_mount(o, moved), left, np.zeros(len(rows)), amend=amendments)
+            yield Corrected("mount", words, _read_at_other_mount(o, moved), left, np.zeros(len(rows)), amend=amendments)
 
     def _rows(self) -> Iterator[Corrected]:
         """Loads of some cases in a row entered one row too high or too low, as where one row was pasted elsewhere."""
@@ -342,11 +343,7 @@ def _smooth_tares(observations: Observations) -> Floats:
     return out
 
 
-def _other(place: str) -> str:
-    return f"the cell was at the {OTHER_MOUNT[place]}, not the {place},"
-
-
-def _at_other_mount(observations: Observations, moved: Mask) -> Observations:
+def _read_at_other_mount(observations: Observations, moved: Mask) -> Observations:
     """The same readings, some cases of the other mount; moments at the bone may be anything."""
     o, turn = observations, np.where(moved[:, None, None], observations.to_other_mount, np.eye(6))
     locations = [OTHER_MOUNT[p] if is_moved else p for p, is_moved in zip(o.locations, moved, strict=True)]

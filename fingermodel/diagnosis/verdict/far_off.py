@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import fdtrc, ndtr
 
 from fingermodel.arrays import Floats
+from fingermodel.diagnosis.posterior.gaussian import Everything
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, ANGLE, BUDGET, COMPONENT, DIRECTION, SCATTER
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.group_errors import GroupErrors
@@ -31,7 +32,13 @@ _TOLD = 0.5
 
 def far_off(fit: Optimum) -> str:
     """What is said where one error of the rig, or one part of the specimen, is larger than chance makes the largest."""
-    return _of_rig(fit) or part_far_off(fit)
+    found = fit.everything(fit.node)
+    return _of_rig(fit, found) or _of_anatomy(fit, found)
+
+
+def part_far_off(fit: Optimum) -> str:
+    """The same of the specimen alone."""
+    return _of_anatomy(fit, fit.everything(fit.node))
 
 
 def beyond_priors(fit: Optimum) -> str:
@@ -43,7 +50,7 @@ def beyond_priors(fit: Optimum) -> str:
     return ""
 
 
-def _of_rig(fit: Optimum) -> str:
+def _of_rig(fit: Optimum, found: Everything) -> str:
     table = fit.session.problem.model.parameters
     of_rig = np.flatnonzero(fit.session.problem.free & table.of_kind("budget"))
     off = {f"{table.names[k]} would have to be off by": abs(float(fit.x[k])) for k in of_rig}
@@ -51,7 +58,7 @@ def _of_rig(fit: Optimum) -> str:
     chance = {said: 2.0 * ndtr(-times / fit.hyper.values(fit.node).budget) for said, times in off.items()}
     count = len(off)
     # Errors by group may be larger than usual, but no one of them alone.
-    found, usual = fit.everything(fit.node), GroupErrors.usual(fit.session.model.budget)._asdict()
+    usual = GroupErrors.usual(fit.session.model.budget)._asdict()
     for name, span in zip(found.names, fit.spans(found.names), strict=True):
         each = np.abs(found.mean[span])
         if name in usual and each.size:
@@ -65,14 +72,13 @@ def _of_rig(fit: Optimum) -> str:
     return f"{least} {off[least]:.0f} times what is stated, or usual"
 
 
-def part_far_off(fit: Optimum) -> str:
+def _of_anatomy(fit: Optimum, found: Everything) -> str:
     """What is said where one tendon at a joint, or a share of the hood, is far further off than all other parts."""
-    table, found = fit.session.problem.model.parameters, fit.everything(fit.node)
-    index, at = found.parameters
+    table, (index, at) = fit.session.problem.model.parameters, found.parameters
+    own = table.of_kind("anatomy")[index]
     multiple, parts = fit.hyper.values(fit.node).anatomy, dict[str, list[int]]()
-    for k, place in zip(index.tolist(), at.tolist(), strict=True):
-        if table.of_kind("anatomy")[k]:
-            parts.setdefault(".".join(table.names[k].split(".")[:3]), []).append(place)
+    for k, place in zip(index[own].tolist(), at[own].tolist(), strict=True):
+        parts.setdefault(".".join(table.names[k].split(".")[:3]), []).append(place)
     # Of what the readings do not tell, the prior alone would speak.
     told = np.array([len(p) - np.trace(found.covariance[np.ix_(p, p)]) / multiple**2 for p in parts.values()])
     far = np.array([float((found.mean[p] ** 2).sum()) for p in parts.values()])

@@ -18,8 +18,7 @@ from daq.sessions import (
 from daq.sessions import parse_session, plain_document, read_amendments, read_session, write_session
 from daq.sessions.amendments import amendment, exchanged, listed, write_amendments
 from daq.signals.corrections import measure
-
-OTHER_MOUNT = {"tip": "bone", "bone": "tip"}
+from daq.vocabulary import OTHER_MOUNT
 
 
 @pytest.fixture
