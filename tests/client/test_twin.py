@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from fingertwin.client import Client, JobFailedError, ServiceError, Session
+from fingertwin.client import Client, Finding, JobFailedError, ServiceError, Session
 from tests.client.services import running
 
 PATIENCE_S = 300.0
@@ -27,6 +27,13 @@ def twin(address: str) -> Iterator[Client]:
 @pytest.fixture
 def session(twin: Client) -> Session:
     return twin.upload("DEV-02")
+
+
+@pytest.fixture
+def finding(twin: Client, session: Session) -> Finding:
+    """Of a diagnosis by a test before or now."""
+    done = [job for job in twin.jobs(session, "done") if job.kind == "diagnose"]
+    return twin.job(done[0].id).result() if done else session.diagnose().result(timeout_s=PATIENCE_S)
 
 
 def test_the_missing_effect_is_found_added_and_taken_back(twin: Client, session: Session) -> None:
@@ -74,7 +81,7 @@ def test_the_missing_effect_is_found_added_and_taken_back(twin: Client, session:
     assert found.sentence == finding.sentence
 
 
-def test_figures_show_what_they_are_asked_of(twin: Client, session: Session) -> None:
+def test_figures_show_what_they_are_asked_of(twin: Client, session: Session, finding: Finding) -> None:
     assert {"comparison/scatter", "diagnosis/ranking", "revisions/waterfall"} <= set(twin.figures())
     before = session.compare()
     drawn = before.plot().to_json()
@@ -83,7 +90,6 @@ def test_figures_show_what_they_are_asked_of(twin: Client, session: Session) -> 
     assert before.plot().to_json() == drawn
     assert session.compare().plot().to_json() != drawn
     assert session.plot_fall().to_json() == revision.plot().to_json()
-    finding = session.diagnose(model=None).result(timeout_s=PATIENCE_S)
     assert "hanger_mass" in finding.plot().to_json()
     with pytest.raises(ServiceError) as caught:
         finding.plot("of_nothing")

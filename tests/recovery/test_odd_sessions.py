@@ -75,7 +75,7 @@ nothing_but_noise = with_all(force_sd_N=[1e4] * 3)
 SAY_NOTHING = [one_case_far_off, each_again_with_the_other_sign, no_force, nothing_but_noise, six_cases]
 ANSWERED = [
     one_case_far_off,
-    pytest.param(with_all(force_sd_N=[1e-9] * 3), id="hardly any noise"),
+    pytest.param(with_all(force_sd_N=[1e-9] * 3), id="hardly any noise", marks=full),
     pytest.param(each_again_with_the_other_sign, marks=full),
     pytest.param(no_force, id="no force anywhere", marks=full),
     pytest.param(where(lambda c: list(c["masses_g"]) == ["FDS"]), id="one tendon", marks=full),

@@ -35,6 +35,7 @@ def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
     assert best.value == pytest.approx([0.3, 0.2, -0.2], abs=0.08)
 
 
+@pytest.mark.full
 def test_a_fault_of_the_rig_shows_beside_what_is_a_specimens_own(tmp_path: Path) -> None:
     # By itself it explains the second session no better than chance: there the flexors bowstring besides.
     pooled = pooled_of(tmp_path, {21: {"hanger_mass": 25.0}, 22: {"hanger_mass": 25.0, "bowstringing": 0.4}})

@@ -91,7 +91,7 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     assert any(f"scatters by {1000.0 * d.posterior.hyperparameter(NOISE)[0]:.0f} mN" in line for line in remarks(d))
 
 
-@pytest.mark.parametrize("effects", [(), ("hanger_mass",)])
+@pytest.mark.parametrize("effects", [(), pytest.param(("hanger_mass",), marks=pytest.mark.full)])
 @pytest.mark.parametrize(
     ("scattered", "kind", "size", "said", "seed"),
     [  # how often this is right is in benchmarks/scatter.md
@@ -132,7 +132,7 @@ def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(
     ("changed", "what", "along", "course"),
     [
         (with_gain_drift, "the cell's gain", "time", (-3.0, 0.0, 3.0)),
-        (with_tension_drift, "what FDP pulls", "time", (-4.0, 0.0, 4.0)),
+        pytest.param(with_tension_drift, "what FDP pulls", "time", (-4.0, 0.0, 4.0), marks=pytest.mark.full),
         (with_saturation, "the cell's gain", "load", (0.0, -4.0, -8.0)),
     ],
 )
@@ -195,7 +195,7 @@ def test_what_settles_after_its_window_is_no_effect_where_the_windows_show_that_
     assert diagnose(bench.model, bench.observations).verdict.effects == effects
 
 
-@pytest.mark.parametrize(("off_N", "suspect"), [(0.06, False), (0.8, True)])
+@pytest.mark.parametrize(("off_N", "suspect"), [pytest.param(0.06, False, marks=pytest.mark.full), (0.8, True)])
 def test_a_case_that_noise_puts_off_is_not_counted_and_accused_of_nothing(
     tmp_path: Path, off_N: float, suspect: bool
 ) -> None:

@@ -60,6 +60,7 @@ def test_a_shared_law_is_found_where_it_lives_and_by_its_formula(tmp_path: Path)
     assert body["laws"][0]["effect"]["source"].startswith("learned from 61, 62, 63")
 
 
+@pytest.mark.full
 def test_what_the_sessions_of_one_specimen_have_alone_is_chance(tmp_path: Path) -> None:
     laws = {61: (LAW,), 62: (LAW,), 63: (LAW,), 67: ()}
     found = found_in(tmp_path, laws, specimens=("A", "A", "A", "B"))

@@ -21,7 +21,12 @@ from tests.simulator.slips import Done
 
 @pytest.mark.parametrize(
     ("kind", "effects", "scatter"),
-    [("posture", {}, 0.01), ("exchanged", {"hanger_mass": 40.0}, 0.01), ("kept", {}, 0.0), ("tare", {}, 0.01)],
+    [
+        ("posture", {}, 0.01),
+        ("exchanged", {"hanger_mass": 40.0}, 0.01),
+        ("kept", {}, 0.0),
+        pytest.param("tare", {}, 0.01, marks=pytest.mark.full),
+    ],
 )
 def test_the_case_is_named_and_what_was_done(
     tmp_path: Path, kind: str, effects: dict[str, Any], scatter: float

@@ -51,6 +51,11 @@ class Beginning:
         """Cases that are taken for bad."""
         return bad_in(self.slips)
 
+    @cached_property
+    def nothing_but_one(self) -> Optimum:
+        """The base model where what is smooth is of one tendon or rotation, or in one posture, if that is better."""
+        return self.fitter.of_one(self.nothing)
+
     @property
     def plain(self) -> Node:
         """Where a refit counts: scatter and noise as the readings have them with all candidates free."""
@@ -208,7 +213,7 @@ class Beginner:
         cases = range(len(self.session.observations.ids))
         least: dict[int, float] = {c: np.inf for c in cases if c not in begun.bad}
         partners: dict[int, int | None] = {}
-        for host in (begun.every, begun.nothing, begun.fitter.of_one(begun.nothing)):
+        for host in (begun.every, begun.nothing, begun.nothing_but_one):
             odds = odds_of_each(host)
             slips = explained(host, least)
             least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}

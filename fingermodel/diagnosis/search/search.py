@@ -101,6 +101,8 @@ class _Search:
 
         It begins with those of fits beside fewer bad cases, where there are some, that come near the best.
         """
+        # What is smooth may explain so much by one tendon or in one posture that few effects come near it.
+        self._keep(self.begun.nothing_but_one)
         if before is None:
             self._first_fits(self.begun.every)
         else:
@@ -240,12 +242,17 @@ class _Search:
                 self._fit(explanation, leader)
 
     def _finish(self, every: Optimum) -> None:
-        """Begin the leader and its members anew, and what comes near it from where the leader expects that."""
-        problem, node = self._fitter.session.problem, self._hyper.without_smooth(every.mode)
-        leader = self.leader
-        for members in dict.fromkeys([leader.explanation.members, *((m,) for m in leader.explanation.members)]):
-            explanation = Explanation(members)
-            for start in (problem.centre, every.expected(explanation, node)) if members else ():
+        """Begin the leader anew, and it less each member, and what comes near it from where the leader expects that.
+
+        What it has over itself less a member is how sure that member is.
+        """
+        problem, leader = self._fitter.session.problem, self.leader
+        less = [
+            Explanation(tuple(m for m in leader.explanation.members if m != one)) for one in leader.explanation.members
+        ]
+        for explanation, host in [(leader.explanation, every), *((e, leader) for e in less)]:
+            node = self._hyper.without_smooth(host.mode)
+            for start in (problem.centre, host.expected(explanation, node)) if explanation.size else ():
                 self._fit_from(explanation, start, leader.best)
         leader = self.leader
         others = [f for f in self.fits.values() if f is not leader]
