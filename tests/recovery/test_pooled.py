@@ -48,6 +48,7 @@ def test_a_fault_of_the_rig_shows_beside_what_is_a_specimens_own(tmp_path: Path)
     assert "bowstringing in SIM-00022" in pooled.verdict.sentence
 
 
+@pytest.mark.full
 def test_what_only_all_together_show_is_known_in_each_where_a_further_law_is_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

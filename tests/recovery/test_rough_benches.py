@@ -96,13 +96,22 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     ("scattered", "kind", "size", "said", "seed"),
     [  # how often this is right is in benchmarks/scatter.md
         (by_direction, "direction", 0.02, "of the force in every direction", 50),
-        (by_component, "component", 0.015, "of each component by itself", 50),
+        pytest.param(by_component, "component", 0.015, "of each component by itself", 50, marks=pytest.mark.full),
         (by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle", 50),
         (by_weight, "weight", 0.01, "of each weight", 50),
-        (by_line, "line_rad", np.deg2rad(1.5), "of each tendon's line at the bone", 50),
-        (by_zero, "zero_N", 0.02, "of the zero from setting to setting", 50),
+        pytest.param(
+            by_line, "line_rad", np.deg2rad(1.5), "of each tendon's line at the bone", 50, marks=pytest.mark.full
+        ),
+        pytest.param(by_zero, "zero_N", 0.02, "of the zero from setting to setting", 50, marks=pytest.mark.full),
         (by_drift, "drift_N", 0.02, "of the zero's drift within a setting", 50),
-        (by_setting, "turn_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting", 50),
+        pytest.param(
+            by_setting,
+            "turn_rad",
+            np.deg2rad(1.0),
+            "of the cell's orientation from setting to setting",
+            50,
+            marks=pytest.mark.full,
+        ),
         (by_hold, "hold_mm", 1.0, "of where the tip is held from setting to setting", 50),
         (by_mount, "apart_rad", np.deg2rad(1.0) / np.sqrt(2.0), "of each joint angle between tip and bone", 52),
     ],
@@ -174,6 +183,7 @@ def test_what_goes_with_time_takes_nothing_from_a_larger_effect(tmp_path: Path) 
     assert any(d.trend.sentence in line for line in remarks(d))
 
 
+@pytest.mark.full
 def test_nothing_goes_with_time_where_none_is_known(tmp_path: Path) -> None:
     draw_session(tmp_path, 50, {}, protocol="short", nuisance_scale=0.8)
     exact = Session.open(tmp_path)

@@ -137,6 +137,7 @@ def test_a_slip_beside_a_fault_of_the_session_is_named_too(tmp_path: Path) -> No
     assert found["suspects"][0]["reads_like"][0]["location"] == "tip"
 
 
+@pytest.mark.full
 def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)
@@ -196,6 +197,7 @@ def test_a_piece_that_is_in_all_heavier_loads_is_named_with_what_it_weighs(tmp_p
     assert found["effects"] == []
 
 
+@pytest.mark.full
 def test_two_weights_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
     original, session = read_session(tmp_path), Recorded(tmp_path)
@@ -255,7 +257,7 @@ def test_a_gain_below_one_is_a_share_of_the_force_that_passes_the_cell_by(tmp_pa
     [
         pytest.param({}, 1.0, marks=pytest.mark.full),
         ({"hanger_mass": 40.0}, 1.0),
-        ({}, 10.0),
+        pytest.param({}, 10.0, marks=pytest.mark.full),
         pytest.param({"hanger_mass": 40.0}, 0.1, marks=pytest.mark.full),
     ],
 )

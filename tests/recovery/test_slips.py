@@ -53,7 +53,8 @@ def test_the_case_is_named_and_what_was_done(
     assert set(found["effects"]) == set(effects)
 
 
-@pytest.mark.parametrize("location", ["tip", pytest.param("bone", marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("location", ["tip", "bone"])
 def test_a_zero_too_many_on_a_heavy_weight_is_named_and_makes_no_effect(tmp_path: Path, location: str) -> None:
     draw_session(tmp_path, 54, {"hanger_mass": 40.0}, protocol="short")
     file = tmp_path / "session.yaml"
