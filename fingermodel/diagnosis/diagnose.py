@@ -60,6 +60,7 @@ class Diagnosis:
     posterior: Posterior  # of which everything that is said is a marginal
     stated: Optimum  # the base model as budget and noise are stated: what it leaves is what there is to explain
     refitted: Optimum  # the base model as `refit` fits it: errors before anything is added are of this
+    log_evidence_of_nothing: float  # no effect and nothing smooth, which "nothing missing" stands for
     confounding: Confounding  # what the protocol cannot tell apart
     verdict: Verdict  # with its reasons
     # Predictive check of explanations on the validation cases, by explanation.
@@ -155,7 +156,7 @@ def diagnose(
     stated, refitted = (
         fitter.fit_at(NOTHING, starts, node, nothing.bad) for node in (stated_node(nothing), searched.plain)
     )
-    alike = confounding(nothing, candidates)
+    of_nothing, alike = fitter.log_evidence_without_smooth(nothing), confounding(nothing, candidates)
     named = likeliest(posterior)
     fit = posterior.best_fit(named) or posterior.leader
     shares = holding(posterior, fit)
@@ -198,6 +199,7 @@ def diagnose(
         posterior,
         stated,
         refitted,
+        of_nothing,
         alike,
         verdict,
         checked,

@@ -233,6 +233,9 @@ def test_adding_the_true_effect_is_what_the_diagnosis_promised() -> None:
     index = bench.model.parameters.index[own["name"]]
     assert added.fit.theta[index] == pytest.approx(own["value"], abs=3.0 * own["sd"])
     assert (added.log_evidence_gain or 0.0) > 100.0
+    # Over nothing at all, though the base model alone is explained better with something smooth.
+    assert added.log_evidence_gain == pytest.approx(answered("DEV-02")["ranking"][0]["log_evidence_gain"], abs=2.0)
+    assert found.posterior.nothing.hyper.smooth_blocks(found.posterior.nothing.best)
 
 
 @pytest.mark.full

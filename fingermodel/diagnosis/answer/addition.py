@@ -147,7 +147,7 @@ def add_effects(
     begun = beginner.all_out(beginner.grossly())
     fitter, base = begun.fitter, begun.nothing
     also = [] if start is None else [start]
-    best, alone = base, base.log_posterior - base.log_prior
+    best, alone = base, fitter.log_evidence_without_smooth(base)
     for explanation in explanations:
         for begin in (base.expected(explanation, base.best), session.problem.centre):
             found = fitter.fit(explanation, begin, base.best, base.bad, log_prior=0.0)

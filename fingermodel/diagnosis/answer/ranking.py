@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of, largest_loads
-from fingermodel.diagnosis.posterior.marginals import Posterior, summed
+from fingermodel.diagnosis.posterior.marginals import summed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.reading_changes import CaseChanges
@@ -44,7 +44,7 @@ def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
                         "title": title,
                         "where": member.candidate.name,
                         "probability": probability,
-                        "log_evidence_gain": _gain(posterior, fit),
+                        "log_evidence_gain": _gain(d, fit),
                         "size_N": fit.sizes_newton[member.candidate.name],
                         "misfit": fit.misfit(fit.best),
                         "text": f"Known to happen in rigs: {title}; probability {probability:.2f}",
@@ -53,17 +53,9 @@ def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _gain(posterior: Posterior, fit: Optimum) -> float:
+def _gain(d: Diagnosis, fit: Optimum) -> float:
     """Log evidence over nothing at all."""
-    return fit.log_posterior - fit.log_prior - _of_nothing(posterior) if fit.explanation.size else 0.0
-
-
-def _of_nothing(posterior: Posterior) -> float:
-    """Log evidence of no effect and nothing smooth, which "nothing missing" stands for."""
-    fit = posterior.nothing
-    plain = [value for node, value in fit.nodes.items() if not fit.hyper.smooth_blocks(node)]
-    whole = logsumexp(plain) if plain else fit.log_joint(fit.hyper.without_smooth(fit.best))
-    return float(whole) - fit.log_prior
+    return fit.log_posterior - fit.log_prior - d.log_evidence_of_nothing if fit.explanation.size else 0.0
 
 
 def ranking(d: Diagnosis) -> list[dict[str, Any]]:
@@ -107,7 +99,7 @@ def _unnamed_gain(d: Diagnosis) -> float | None:
             joint.append(e.fit.nodes[e.node])
             smooth = tuple(e.fit.hyper.smooth_blocks(e.node))
             prior[e.explanation, smooth] = e.fit.log_prior + e.fit.hyper.log_prior_of_smooth(e.node)
-    return float(logsumexp(joint) - logsumexp([*prior.values()])) - _of_nothing(d.posterior) if joint else None
+    return float(logsumexp(joint) - logsumexp([*prior.values()])) - d.log_evidence_of_nothing if joint else None
 
 
 def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
@@ -122,7 +114,7 @@ def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
         "effects": list(explanation.effects),
         "candidates": list(explanation.names),
         "probability": probability,
-        "log_evidence_gain": _gain(d.posterior, fit),
+        "log_evidence_gain": _gain(d, fit),
         "validation_rmse_N": {"before": d.validation_rmse(d.posterior.nothing), "after": d.validation_rmse(fit)},
         "parameters": parameters_of(fit),
         "indistinguishable_from": [a for a in alike if a not in explanation.names],

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats
 from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
@@ -100,6 +101,17 @@ class Fitter:
             theta, unkept = self._solved(explanation, start, node, bad, None, _EVALUATIONS, floor)
             found.append(self.linearised(explanation, theta, node, bad, 0.0, unkept))
         return min(found, key=lambda f: f.misfit(node))
+
+    def log_evidence_without_smooth(self, fit: Optimum) -> float:
+        """Of an explanation with nothing smooth; fitted without it where it was fitted with something smooth."""
+        if fit.hyper.smooth_blocks(fit.best):
+            node = fit.hyper.without_smooth(fit.best)
+            for _ in range(_ROUNDS - 1):
+                fit = self.fit_at(fit.explanation, [fit.theta], node, fit.bad)
+                node = max(fit.plain_nodes, key=lambda n: fit.plain_nodes[n])
+            return float(logsumexp(list(fit.plain_nodes.values())))
+        plain = [value for node, value in fit.nodes.items() if not fit.hyper.smooth_blocks(node)]
+        return float(logsumexp(plain)) - fit.log_prior
 
     def _solved(
         self,

@@ -139,6 +139,14 @@ class Optimum(Linearised):
         return {node: value + further for node, value in known.items()}
 
     @cached_property
+    def plain_nodes(self) -> dict[Node, float]:
+        """Log joint of the nodes that matter where nothing is smooth, from the one that it was fitted under."""
+        start, hyper = self.hyper.without_smooth(self.node), self.hyper
+        sizes = [1 if SMOOTH <= axis <= CARRIER else size for axis, size in enumerate(hyper.sizes(start))]
+        start = self._steps.climbed(start, sizes)
+        return self._steps.explored([start], lambda n: [m for m in hyper.neighbours(n) if not hyper.smooth_blocks(m)])
+
+    @cached_property
     def best(self) -> Node:
         """The most probable node."""
         return max(self.nodes, key=lambda n: self.nodes[n])
