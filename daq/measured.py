@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SessionError
 from daq.recordings.plateaus import Plateau
+from daq.recordings.windows import Span
 from daq.sessions.models import LoadCase, Session
 
 Floats = NDArray[np.float64]
@@ -127,6 +128,7 @@ class MeasuredSession:
         notes: what the reader of the results should know, such as converted units.
         creep: share of its force by which a loaded reading usually changes within its window; 0 where that is noise.
         dead_forces: the cell's force channels that never change, in any window.
+        plateaus: of all windows, from which the wrenches were made.
         tension_case_sd: scatter of tensions from case to case, relative, where the budget leaves that to the session's
             own forces; 0 where it does not, or these do not tell.
     """
@@ -143,6 +145,7 @@ class MeasuredSession:
     tension_case_sd: float = 0.0
     estimated_tension: EstimatedTension | None = None
     dead_forces: tuple[str, ...] = ()
+    plateaus: Mapping[Span, Plateau] = field(default_factory=dict, repr=False)
 
     @property
     def tension_factor_rel_sd(self) -> float:
@@ -179,17 +182,6 @@ class MeasuredSession:
             "pull_N_per_kg": round(self.tension_factor * self.session.gravity_m_s2, _DIGITS),
         }
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
-
-    @property
-    def as_entered(self) -> MeasuredSession:
-        """The same readings under the entries as they were made; a case that an amendment left out stays out."""
-        entries = {c.id: c for c in self.session.entered.cases}
-
-        def entered(m: MeasuredCase) -> MeasuredCase:
-            entry = entries[m.case.id]
-            return replace(m, case=m.case.model_copy(update={"masses_g": entry.masses_g, "posture": entry.posture}))
-
-        return replace(self, session=self.session.unamended, cases=tuple(entered(m) for m in self.cases))
 
     def covariance(self, indices: Sequence[int] | None = None) -> Floats:
         """Return the covariance (6 n, 6 n) of the wrenches, one after another: own parts and shared tares.

@@ -383,6 +383,11 @@ class Session(Open):
         return self._entered or self
 
     @property
+    def has_amended_entries(self) -> bool:
+        """Whether amendments change what was entered, and do not leave cases out alone."""
+        return any(a.changes.keys() - {"excluded"} for a in self.amendments)
+
+    @property
     def unamended(self) -> Session:
         """The session as it was entered, without its amendments."""
         out = self.entered.model_copy(update={"amendments": ()})

@@ -137,6 +137,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
         notes=notes,
         creep=_creep(measured, transforms),
         dead_forces=tuple(name for name, is_dead in zip(HEADERS[1:4], dead[:3], strict=True) if is_dead),
+        plateaus=plateaus,
     )
     if isinstance(stated, TensionEstimate):
         out = _with_estimate(out)
@@ -144,6 +145,23 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
         scatter, said = tension_scatter(out)
         out = replace(out, tension_case_sd=scatter, notes=(*notes, said))
     return out
+
+
+def as_entered(measured: MeasuredSession) -> MeasuredSession:
+    """The same readings under the entries as they were made; a case that an amendment left out stays out.
+
+    A friction correction that was estimated stays, too: with wrong entries it may be out of reach.
+    """
+    counted, entered = {m.case.id for m in measured.cases}, measured.session.unamended
+    cases = tuple(case for case in entered.cases if case.id in counted)
+    stated = entered.model_copy(update={"cases": cases, "tension_factor": measured.tension_factor})
+    return replace(
+        assemble(stated, measured.plateaus),
+        session=entered,
+        tension_factor_source=measured.tension_factor_source,
+        estimated_tension=measured.estimated_tension,
+        notes=measured.notes,
+    )
 
 
 def _creep(measured: list[MeasuredCase], transforms: Mapping[str, MountTransform]) -> float:

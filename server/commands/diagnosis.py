@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.quoting import quoted
+from daq.signals.corrections import as_entered
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session, readings_digest
 from server.application.diagnosing import bare_verdict, diagnosis_answer, drawn_effect, frozen_documents, run_diagnosis
@@ -34,8 +35,8 @@ def diagnose_session(
     with progress("Fitting every effect") as tell:
         diagnosis = run_diagnosis(bench, thorough, tell)
     body = diagnosis_answer(bench, diagnosis, predictions)
-    if bench.measured.session.amendments:
-        entered = Session.of(bench.measured.as_entered, model, effects=effects)
+    if bench.measured.session.has_amended_entries:
+        entered = Session.of(as_entered(bench.measured), model, effects=effects)
         with progress("The same without the amendments") as tell:
             body["without_amendments"] = bare_verdict(run_diagnosis(entered, thorough, tell))
     page = None
@@ -112,7 +113,7 @@ def _print_verdict(body: dict[str, Any]) -> None:
     if entered := body.get("without_amendments"):
         names = f" ({' and '.join(entered['effects'])})" if entered["effects"] else ""
         kind = entered["verdict"].replace("_", " ")
-        say(f"  Without the amendments: {kind}{names}, probability {entered['probability']:.2f}.")
+        say(f"  Without the amendments of entries: {kind}{names}, probability {entered['probability']:.2f}.")
     for note in body["notes"]:
         say(f"  Note: {note}")
     for reason in body["reasons"]:

@@ -14,6 +14,7 @@ from daq.measured import MeasuredSession
 from daq.recordings.plateaus import Plateau
 from daq.recordings.windows import Span
 from daq.sessions import FINGER_DOCUMENT, parse_session
+from daq.signals.corrections import as_entered as measured_as_entered
 from daq.signals.corrections import assemble
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.effects.user import effect_from_dict
@@ -83,7 +84,7 @@ class BenchInput:
         own = [effect_from_dict(dict(document), "the session's own effect") for document in self.effects]
         measured = self.measured()
         if as_entered:
-            measured = measured.as_entered
+            measured = measured_as_entered(measured)
         bench = Session.of(measured, self._model(), catalogue=catalogue, effects=[*own, *effects])
         return replace(bench, findings=warnings_of(measured, self.plateaus))
 

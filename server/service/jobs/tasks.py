@@ -74,7 +74,7 @@ def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
     """Say where the model fails and what is missing, and return `body`."""
     bench, diagnosis = _diagnosed(payload.bench, payload.thorough, tell)
     body = diagnosis_answer(bench, diagnosis, payload.frozen)
-    if bench.measured.session.amendments:
+    if bench.measured.session.has_amended_entries:
         entered = payload.bench.open(catalogue=True, as_entered=True)
         body["without_amendments"] = bare_verdict(run_diagnosis(entered, payload.thorough))
     return _answer("diagnose", body, payload.bench)
