@@ -47,13 +47,15 @@ def diagnosis_answer(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapp
 
 
 def bare_verdict(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return a verdict alone, as it stands beside another one."""
-    verdict = diagnosis.verdict
-    return {
-        "verdict": verdict.kind,
-        "effects": list(verdict.effects),
-        "probability": min(verdict.probability, 1.0),
-    }
+    """Return a verdict alone, as it stands beside another one; `text` is what is said of it there."""
+    verdict, probability = diagnosis.verdict, min(diagnosis.verdict.probability, 1.0)
+    names = f" ({' and '.join(verdict.effects)})" if verdict.effects else ""
+    text = f"{verdict.kind.replace('_', ' ')}{names}, probability {probability:.2f}"
+    if diagnosis.faults:
+        text = f"a fault of the whole session ({diagnosis.faults[0].words}), probability {probability:.2f}"
+    elif verdict.kind == "undecided":
+        text = "undecided"
+    return {"verdict": verdict.kind, "effects": list(verdict.effects), "probability": probability, "text": text}
 
 
 def frozen_documents(bench: Session, paths: list[Path] | None) -> list[dict[str, Any]]:

@@ -102,18 +102,22 @@ def amending(change: dict[str, Any]) -> str:
     return " ".join([quoted(change["cases"]), *tendons, *weights, *masses, *posture, *mount])
 
 
+def suspects_of(body: dict[str, Any]) -> str:
+    """Say which load cases are suspects; nothing where none is."""
+    suspects = [_suspect(row) for row in body["suspects"]]
+    return f"Suspect load case{'s' if len(suspects) > 1 else ''}: {', '.join(suspects)}." if suspects else ""
+
+
 def _print_verdict(body: dict[str, Any]) -> None:
     say(body["sentence"])
     say(f"  Probability {body['probability']:.2f}: {body['probability_of']}.")
-    if suspects := [_suspect(row) for row in body["suspects"]]:
-        say(f"  Suspect load case{'s' if len(suspects) > 1 else ''}: {', '.join(suspects)}.")
+    if suspects := suspects_of(body):
+        say(f"  {suspects}")
     said = " ".join([body["sentence"], *body["reasons"]]).casefold()
     for fault in (f for f in body["session_faults"] if f["words"].casefold() not in said):
         say(f"  The whole session: {fault['words']} (probability {fault['probability']:.2f}).")
     if entered := body.get("without_amendments"):
-        names = f" ({' and '.join(entered['effects'])})" if entered["effects"] else ""
-        kind = entered["verdict"].replace("_", " ")
-        say(f"  Without the amendments of entries: {kind}{names}, probability {entered['probability']:.2f}.")
+        say(f"  Without the amendments of entries: {entered['text']}.")
     for note in body["notes"]:
         say(f"  Note: {note}")
     for reason in body["reasons"]:

@@ -18,6 +18,7 @@ from server.application.diagnosing import diagnosis_answer, frozen_documents
 from server.application.diagnosis_report import draw_diagnosis, draw_shared
 from server.application.pooling import pooled_body, write_law
 from server.commands.console import answer, progress, say, table
+from server.commands.diagnosis import suspects_of
 from server.commands.twin import say_first
 from server.figures.shared_law import NO_LAW
 
@@ -102,17 +103,20 @@ def _print(pooled: Pooled, body: dict[str, Any]) -> None:
         ]
         for e in pooled.ranking[:8]
     ]
-    table(
-        f"Shared by {', '.join(pooled.sessions)}",
-        ["effect", "probability", "ln evidence, one size", "own sizes", "value of all", "by session"],
-        rows,
-        f"nothing shared {pooled.p_apart:.3f}; of that, nothing missing in any {pooled.p_nothing:.3f}, something else "
-        f"in each {pooled.p_other:.3f}",
-    )
-    say_shared(body["shared"])
+    if pooled.p_apart is not None:
+        table(
+            f"Shared by {', '.join(pooled.sessions)}",
+            ["effect", "probability", "ln evidence, one size", "own sizes", "value of all", "by session"],
+            rows,
+            f"nothing shared {pooled.p_apart:.3f}; of that, nothing missing in any {pooled.p_nothing:.3f}, something "
+            f"else in each {pooled.p_other:.3f}",
+        )
+        say_shared(body["shared"])
     for name, own in body["each"].items():
         say(f"{name}: {own['sentence']}")
         say_first(own)
+        if suspects := suspects_of(own):
+            say(f"    {suspects}")
         for reason in own["reasons"]:
             say(f"    {reason}")
 

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from benchmarks.recorded import Recorded
+from benchmarks.session_faults import tendons
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.several_sessions import several
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
@@ -33,6 +36,21 @@ def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
     best = pooled.ranking[0]
     assert best.one_size
     assert best.value == pytest.approx([0.3, 0.2, -0.2], abs=0.08)
+
+
+def test_a_session_with_a_fault_is_corrected_first(tmp_path: Path) -> None:
+    """Else whatever makes up for the fault in one session would be shared by the others, which need nothing."""
+    for seed in (21, 22):
+        (tmp_path / str(seed)).mkdir()
+        draw_session(tmp_path / str(seed), seed, None, protocol="short", nuisance_scale=0.8)
+    entered = Recorded(tmp_path / "22")
+    tendons(entered, np.random.default_rng(22))
+    entered.write()
+    pooled = diagnose_pooled([Session.open(tmp_path / str(seed)) for seed in (21, 22)])
+    assert pooled.verdict.kind == "undecided"
+    assert pooled.verdict.sentence.startswith("Undecided: correct SIM-00022 first, or leave it out: in SIM-00022 ")
+    assert "were exchanged throughout" in pooled.verdict.sentence
+    assert (pooled.ranking, pooled.p_apart, pooled.shared) == ((), None, None)
 
 
 @pytest.mark.full

@@ -107,6 +107,8 @@ def meaning(d: Diagnosis) -> str:
         "none_of_catalogue": "something acts that no effect of the catalogue describes, whatever else does",
         "nothing_missing": "no effect acts, and nothing unknown",
     }
+    if d.faults:
+        return d.faults[0].words
     if d.verdict.kind != "undecided":
         return kinds[d.verdict.kind]
     # Its probability is that of what would be said if it were sure.
@@ -118,9 +120,7 @@ def meaning(d: Diagnosis) -> str:
     p_value = _p_as_judged(d)
     others = " of the other cases" if d.unlike else ""
     refuted = p_value is not None and p_value < P_VALUE
-    of = (
-        " of the session as it was entered" if d.faults else " of the fitted cases by themselves" if refuted else others
-    )
+    of = " of the fitted cases by themselves" if refuted else others
     return f"{likeliest} (the likeliest single statement{of})"
 
 

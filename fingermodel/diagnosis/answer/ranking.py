@@ -193,7 +193,7 @@ def effect_size(d: Diagnosis) -> dict[str, Any]:
     cases = [
         PlannedReading(posture, location, {muscle: mass * level})
         for posture, location in places
-        for muscle, mass in largest_loads(observations).items()
+        for muscle, mass in largest_loads(d).items()
         for level in _LEVELS
     ]
     theta, covariance, index = fit.parameter_posterior(fit.best)

@@ -17,12 +17,11 @@ from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats
 from fingermodel.comparison.comparison import muscles_of
-from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.session_model.case_noise import as_read, by_case
-from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SEED, SURE, WORTH_NAT
+from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SEED, WORTH_NAT
 from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of
 from fingermodel.stages import LoadCaseInput
@@ -104,7 +103,8 @@ def name_of(fit: Optimum) -> str:
 def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Optimum, float]]:
     """Explanations that are still possible.
 
-    A finding beside which no question is open is tested against nothing missing, both equally probable.
+    A finding is tested against itself less a member, a single effect against nothing missing, both equally probable.
+    With something more, it predicts nearly the same.
     """
     posterior, best = diagnosis.posterior, diagnosis.best
     out: dict[str, tuple[Optimum, float]] = {}
@@ -112,20 +112,28 @@ def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Optimum, float]]:
         fit = None if names is None else posterior.best_fit(names)
         if fit is not None and p >= LIVE:
             out[name_of(fit)] = (fit, p)
-    settled = diagnosis.verdict.kind == "found" and out.get(name_of(best), (best, 0.0))[1] >= SURE
-    if len(out) < 2 or settled:
+    if len(out) < 2 or diagnosis.verdict.kind == "found":
         if best.explanation.size == 0:
             named = [f for f in posterior.fits.values() if f.explanation.size]
             best = max(named, key=lambda f: f.log_posterior, default=best)
-        out = {name_of(best): (best, 0.5), name_of(posterior.nothing): (posterior.nothing, 0.5)}
+        whole, size = set(best.explanation.names), best.explanation.size
+        less = [f for e, f in posterior.fits.items() if e.size == size - 1 and set(e.names) < whole]
+        rival = max(less, key=posterior.weight, default=posterior.nothing)
+        out = {name_of(best): (best, 0.5), name_of(rival): (rival, 0.5)}
     total = sum(p for _, p in out.values())
     return {name: (fit, p / total) for name, (fit, p) in out.items()}
 
 
-def largest_loads(observations: Observations) -> dict[str, float]:
+def hung(diagnosis: Diagnosis) -> list[dict[str, float]]:
+    """What hung in each case [g] by tendon; in a suspect one nobody knows."""
+    suspects = diagnosis.suspects
+    return [m for case, m in enumerate(diagnosis.session.observations.masses_g) if case not in suspects]
+
+
+def largest_loads(diagnosis: Diagnosis) -> dict[str, float]:
     """Largest mass [g] that hung on each tendon."""
     out: dict[str, float] = {}
-    for masses in observations.masses_g:
+    for masses in hung(diagnosis):
         for muscle, mass in masses.items():
             out[muscle] = max(out.get(muscle, 0.0), mass)
     return out
@@ -137,10 +145,10 @@ def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
     used = [i for i, role in enumerate(observations.roles) if role != "check"]
     postures = list(dict.fromkeys(observations.postures[i] for i in used))
     locations = list(dict.fromkeys(observations.locations[i] for i in used))
-    largest = largest_loads(observations)
+    largest = largest_loads(diagnosis)
     loads = [{muscle: part} for muscle, mass in largest.items() for part in (mass, round(mass / 2.0))]
     # No more than the rig has ever carried at once.
-    limit = max(sum(masses.values()) for masses in observations.masses_g) + 1e-9
+    limit = max(sum(masses.values()) for masses in hung(diagnosis)) + 1e-9
     pairs = combinations(largest, 2)
     loads += [{a: largest[a], b: largest[b]} for a, b in pairs if largest[a] + largest[b] <= limit]
     return [PlannedReading(p, place, masses) for p in postures for place in locations for masses in loads]

@@ -137,10 +137,9 @@ class Beginner:
                 break
             taken.append(worst)
             begun = self.beside((*begun.slips, worst))
-            for cases in [t for t in taken[:-1] if t in begun.slips]:
-                less = self.beside(tuple(s for s in begun.slips if s != cases))
-                if not cases & self._least_odds(less).keys():
-                    begun = less
+            sound = self._sound(begun) - worst
+            slips = tuple(cases for cases in begun.slips if not cases & sound)
+            begun = begun if slips == begun.slips else self.beside(slips)
         return begun
 
     def overlooked(self, begun: Beginning, fits: Collection[Optimum]) -> frozenset[int]:

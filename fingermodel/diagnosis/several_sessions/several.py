@@ -30,6 +30,7 @@ from fingermodel.diagnosis.several_sessions.several_verdict import (
     PooledVerdict,
     SharedEffect,
     judge_together,
+    to_correct,
 )
 from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
 from fingermodel.diagnosis.several_sessions.shared_laws import deciding
@@ -46,9 +47,11 @@ class Pooled:
     sessions: tuple[str, ...]  # ids
     diagnoses: tuple[Diagnosis, ...]  # of each by itself
     ranking: tuple[SharedEffect, ...]  # what may be shared, best first
-    p_apart: float  # probability that nothing is shared: each session has an explanation of its own, or needs none
-    p_nothing: float  # of that, that nothing is missing in any
-    p_other: float  # of that, that it is something outside the catalogue in each
+    # Probability that nothing is shared: each session has an explanation of its own, or needs none. None where one has
+    # a fault, and it was not asked.
+    p_apart: float | None
+    p_nothing: float | None  # of that, that nothing is missing in any
+    p_other: float | None  # of that, that it is something outside the catalogue in each
     verdict: PooledVerdict  # on what is shared
     # A law that nobody listed, that the specimens share; None where their fingers have other tendons, or all sessions
     # are of one specimen.
@@ -87,6 +90,11 @@ def diagnose_pooled(
     for k, session in enumerate(sessions):
         diagnoses.append(diagnose(session.model, session.observations, thorough=thorough))
         tell(0.5 * (k + 1) / len(sessions))
+    findings = of_one_specimen([m.session for m in measured])
+    if any(d.faults for d in diagnoses):
+        # A wrongly entered session wants many effects that do not act, and the others would have to share them.
+        verdict, seconds = to_correct(names, diagnoses), time.perf_counter() - began
+        return Pooled(names, tuple(diagnoses), (), None, None, None, verdict, None, findings, seconds)
     specimens = [_Specimen(d) for d in diagnoses]
     pooling = _Pooling(specimens)
     found = pooling.search(lambda done: tell(0.5 + 0.2 * done))
@@ -104,7 +112,6 @@ def diagnose_pooled(
         told, between = deciding(diagnoses[k], known[k], shared.laws)
         shared = replace(shared, deciding=told, decided_between=between, decided_on=names[k])
     seconds = time.perf_counter() - began
-    findings = of_one_specimen([m.session for m in measured])
     return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, shared, findings, seconds)
 
 

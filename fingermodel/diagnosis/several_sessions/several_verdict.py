@@ -11,7 +11,7 @@ from fingermodel.arrays import Floats
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.settings import LEAST_CASES, SURE
+from fingermodel.diagnosis.settings import LEAST_CASES, LIVE, SURE
 from fingermodel.diagnosis.verdict.verdict import Kind, words
 from fingermodel.parameters import Parameter
 
@@ -111,12 +111,21 @@ def judge_together(
         return PooledVerdict("undecided", (), p_apart, f"The sessions share no effect: {_each(sessions, diagnoses)}.")
     likely = max(included, key=lambda n: included[n], default=None)
     short = [f"they share nothing with a probability of {p_apart:.2f}"]
-    short += [f"{likely} has {included[likely]:.2f}"] if likely is not None else []
-    if not included and ranking:
+    short += [f"{likely} has {included[likely]:.2f}"] if likely is not None and included[likely] >= LIVE else []
+    if ranking and not included.keys() >= set(ranking[0].names):
         short.append(f"the law of {words(ranking[0].names)} would have to be another in most of them")
     text = "Undecided: together the sessions single out no effect that they share."
     best = max(included.values(), default=0.0)
     return PooledVerdict("undecided", (), best, text, tuple(short))
+
+
+def to_correct(sessions: Sequence[str], diagnoses: Sequence[Diagnosis]) -> PooledVerdict:
+    """Ask for sessions with a fault of the whole session to be corrected first."""
+    faults = {s: d.faults[0] for s, d in zip(sessions, diagnoses, strict=True) if d.faults}
+    said = "; ".join(f"in {session} {fault.words}" for session, fault in faults.items())
+    them = "them" if len(faults) > 1 else "it"
+    text = f"Undecided: correct {words(list(faults))} first, or leave {them} out: {said}."
+    return PooledVerdict("undecided", (), min(fault.probability for fault in faults.values()), text)
 
 
 def _cases(d: Diagnosis) -> int:

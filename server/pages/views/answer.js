@@ -30,7 +30,7 @@ export function answer(job, { session, model, add, amend, amendBlocks, keep, pla
     before(body),
     body.suspects?.length || body.session_faults?.length ? panel("Suspect load cases", suspects(body, base, amend, amendBlocks)) : null,
     panel("The verdict", el("p", { class: `verdict ${COLOURS[body.verdict] || ""}` }, body.sentence),
-      body.without_amendments ? quiet(`Without the amendments of entries: ${[words(body.without_amendments.verdict), ...body.without_amendments.effects].join(", ")}, probability ${percent(body.without_amendments.probability)}.`) : null,
+      body.without_amendments ? quiet(`Without the amendments of entries: ${body.without_amendments.text}.`) : null,
       body.probability_of ? el("p", {}, `Probability ${percent(body.probability)}: ${body.probability_of}.`) : null,
       body.reasons.map((r) => el("p", {}, r)), body.notes.map(quiet),
       body.robustness.flips_when.slice(0, 3).map((f) => quiet(`It would be less probable than not if ${f}.`)),
