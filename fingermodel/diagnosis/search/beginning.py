@@ -159,7 +159,25 @@ class Beginner:
                     value = without + apart[case].anything + one.gain
                     if value > best:
                         best, found = value, _worst({case: (value, one.partner)})
-        return found
+        return found or self._instead_of_member(begun, {fit.explanation: fit for fit in fits})
+
+    def _instead_of_member(self, begun: Beginning, fits: Mapping[Explanation, Optimum]) -> frozenset[int]:
+        """A case whose slip a member of the leader explains, and less well: both are fitted without the member.
+
+        A slip of many times the load bends that fit too much to be read where it is linearised.
+        """
+        leader = max(fits.values(), key=lambda fit: fit.log_posterior)
+        for less in leader.explanation.less_one:
+            bent = fits.get(less)
+            apart = bent.left_out(bent.best) if bent else {}
+            worst = max(apart.keys() - begun.bad, key=lambda case: apart[case].misfit, default=None)
+            if worst is None or apart[worst].misfit <= -2.0 * LOG_PRIOR_ODDS:
+                continue
+            fit = begun.fitter.fit(less, leader.theta, leader.best, begun.bad | {worst})
+            gain = explained(fit, [worst])[worst].gain
+            if fit.log_posterior + LOG_PRIOR_ODDS + gain > leader.log_posterior:
+                return frozenset({worst})
+        return frozenset()
 
     def most_of_any(self, begun: Beginning) -> float:
         """Log posterior that no explanation exceeds: fitted as well as with all candidates, at the base model's price.

@@ -247,13 +247,18 @@ class _Search:
         What it has over itself less a member is how sure that member is.
         """
         problem, leader = self._fitter.session.problem, self.leader
-        less = [
-            Explanation(tuple(m for m in leader.explanation.members if m != one)) for one in leader.explanation.members
-        ]
+        less = leader.explanation.less_one
         for explanation, host in [(leader.explanation, every), *((e, leader) for e in less)]:
             node = self._hyper.without_smooth(host.mode)
             for start in (problem.centre, host.expected(explanation, node)) if explanation.size else ():
                 self._fit_from(explanation, start, leader.best)
+        # Instead of a member another may act, which the session linearised where that member acts hardly shows.
+        for host in [self.fits[e] for e in less if e.size]:
+            offers = [e for e in self._candidates.neighbours(host.explanation) if e.size > host.explanation.size]
+            promised = self._promised(host, [e for e in offers if e not in self.fits])
+            for explanation in best_forms(promised)[:_ALWAYS]:
+                if self._near(promised[explanation].value):
+                    self._fit(explanation, host)
         leader = self.leader
         others = [f for f in self.fits.values() if f is not leader]
         promised = self._promised(leader, [f.explanation for f in others])

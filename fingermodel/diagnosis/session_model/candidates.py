@@ -70,6 +70,11 @@ class Explanation:
         return tuple(i for m in self.members for i in m.parameters)
 
     @property
+    def less_one(self) -> list[Explanation]:
+        """The same without one of its members, for each of them."""
+        return [Explanation(tuple(m for m in self.members if m != one)) for one in self.members]
+
+    @property
     def size(self) -> int:
         """How many candidates act."""
         return len(self.members)
