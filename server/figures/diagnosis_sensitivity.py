@@ -20,6 +20,7 @@ _GROUPS = {
     "prior": "Prior probability of nothing",
     "width": "Size that effects may have",
     "budget": "Budget of the rig",
+    "anatomy": "Anatomy of the specimen",
     "noise": "Noise of the readings",
     "without": "Parts of the data left out",
     "plane": "Force components that count",

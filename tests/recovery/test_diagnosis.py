@@ -155,7 +155,9 @@ def test_the_size_of_a_finding_is_told_by_load_with_a_band() -> None:
 
 def test_what_is_sure_is_sure_under_other_assumptions_too() -> None:
     robust = answered("DEV-02")["robustness"]
-    assert {a["group"] for a in robust["assumptions"]} == {"prior", "width", "budget", "noise", "without", "plane"}
+    assert {a["group"] for a in robust["assumptions"]} == {
+        *("prior", "width", "budget", "anatomy", "noise", "without", "plane")
+    }
     assert all(0.0 <= a["probability"] <= 1.0 for a in robust["assumptions"])
     assert robust["flips_when"] == []
     assert robust["sagittal_alone"] == "found"

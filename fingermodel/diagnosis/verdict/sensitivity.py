@@ -13,7 +13,7 @@ import numpy as np
 
 from fingermodel.arrays import Mask
 from fingermodel.comparison.comparison import muscles_of
-from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE, Node
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_NOTHING, SURE
@@ -31,7 +31,7 @@ Value = Callable[[Optimum, Node], float]
 class Assumption:
     """The probability of what is said under one assumption."""
 
-    group: str  # prior, width, budget, noise, without, or plane
+    group: str  # prior, width, budget, anatomy, noise, without, or plane
     words: str  # the assumption
     probability: float  # of what the verdict says
 
@@ -81,6 +81,11 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
         out.append(Assumption("budget", f"the budget is {multiple:g} times as large", p))
         if p < SURE and fails is None:
             fails = float(multiple)
+    for index, multiple in enumerate(posterior.leader.hyper.axes[ANATOMY].values):
+        words = (
+            f"specimens differ {multiple:g} times as much as stated" if multiple > 1.0 else "specimens differ as stated"
+        )
+        out.append(Assumption("anatomy", words, said(_again(asked, _fixed(ANATOMY, index)))))
     noises = posterior.leader.hyper.axes[NOISE].values
     index = min(posterior.leader.best[NOISE] + _NOISE, len(noises) - 1)
     size, assumed = noises[index], posterior.nothing.session.observations.noise_assumed
