@@ -174,8 +174,8 @@ class Beginner:
             if worst is None or apart[worst].misfit <= -2.0 * LOG_PRIOR_ODDS:
                 continue
             fit = begun.fitter.fit(less, leader.theta, leader.best, begun.bad | {worst})
-            gain = explained(fit, [worst])[worst].gain
-            if fit.log_posterior + LOG_PRIOR_ODDS + gain > leader.log_posterior:
+            slip = explained(fit, [worst]).get(worst)
+            if slip and fit.log_posterior + LOG_PRIOR_ODDS + slip.gain > leader.log_posterior:
                 return frozenset({worst})
         return frozenset()
 
