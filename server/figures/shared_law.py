@@ -30,7 +30,10 @@ _COLOR, _PALE, _LAW = "#00629b", "#8a8f98", "#b84f00"
 # So that law and curve are seen at every tendon and joint of a finger.
 _MOST_WITH_LAW = 18
 # Where no shared law was looked for.
-NO_LAW = "Not looked for: fingers have other tendons or joints, all are of one specimen, or a session has a fault."
+NO_LAW = (
+    "No shared law is looked for where fingers have other tendons or joints, all are of one specimen, or a session has "
+    "a fault."
+)
 _WHAT = {"arms": "error of a moment arm [mm]", "tension": "error of a tension [1]", "force": "error of a force [N]"}
 
 
