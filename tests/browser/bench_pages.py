@@ -31,6 +31,14 @@ def now(seen: Watched) -> str:
     return str(seen.page.locator(".bench-now").inner_text())
 
 
+# Whether the page of a bench has drawn nothing for a while; one that draws does so five times a second at least.
+NOTHING_DRAWN = """() => {
+    const drawn = document.querySelector('.bench').dataset.frames;
+    if (window.rest?.drawn !== drawn) window.rest = { drawn, since: performance.now() };
+    return performance.now() - window.rest.since > 1500;
+}"""
+
+
 def until(seen: Watched, met: str, given: Any = None) -> None:
     seen.page.wait_for_function(met, arg=given, timeout=PATIENCE_MS)
 
