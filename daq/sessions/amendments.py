@@ -21,6 +21,8 @@ from daq.vocabulary import LOCATIONS, TENDONS, did_you_mean
 
 # Relative difference within which two masses are one: each is written in decimals.
 _SAME_MASS = 1e-6
+# Cases named one by one in a line.
+_MOST_NAMED = 4
 
 
 def amendment(session: Session, case: str, why: str, **really: Any) -> Amendment:
@@ -222,8 +224,26 @@ def words(amended: Amendment) -> str:
     return ", ".join(parts)
 
 
-def amended_line(row: Mapping[str, Any]) -> str:
-    """Return one of the amendments `listed` on one line."""
+def amended_lines(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the amendments `listed`, cases that were amended alike on one line."""
+    alike: dict[str, list[str]] = {}
+    for row in rows:
+        alike.setdefault(_amended(row), []).append(str(row["case"]))
+    return [f"Amended {_some(cases)}: {what}" for what, cases in alike.items()]
+
+
+def _some(cases: Sequence[str]) -> str:
+    """Some cases, the first of them by name where they are many."""
+    shown = (
+        list(cases)
+        if len(cases) <= _MOST_NAMED
+        else [*cases[: _MOST_NAMED - 1], f"{len(cases) - _MOST_NAMED + 1} more"]
+    )
+    return f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
+
+
+def _amended(row: Mapping[str, Any]) -> str:
+    """Return what an amendment changes, and why."""
     entered = []
     for name, value in row["entered"].items():
         if isinstance(value, dict):
@@ -231,7 +251,7 @@ def amended_line(row: Mapping[str, Any]) -> str:
         elif name != "excluded":
             entered.append(str(value))
     instead = f" (entered: {', '.join(entered)})" if entered else ""
-    return f"Amended {row['case']}: {row['words']}{instead}; {row['why']} [{row['at']}]"
+    return f"{row['words']}{instead}; {row['why']} [{row['at']}]"
 
 
 def _exchanged_with(case: str) -> str:

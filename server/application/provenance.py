@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import Any
 
 from daq.findings import warning_line
-from daq.sessions.amendments import amended_line, listed
+from daq.sessions.amendments import amended_lines, listed
 from fingermodel.session import Session
 
 
@@ -41,7 +41,7 @@ def told_first(answer: Mapping[str, Any]) -> list[str]:
     left_out = {case: why for case, why in (answer.get("excluded") or {}).items() if case not in told}
     return [
         *map(warning_line, answer.get("warnings") or ()),
-        *(amended_line(row) for row in amendments),
+        *amended_lines(amendments),
         *(f"Left out {case}: {why}" for case, why in left_out.items()),
     ]
 

@@ -8,7 +8,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.quoting import quoted
 from daq.sessions import read_session
-from daq.sessions.amendments import amended_line, amendments_of, block_of, exchanged, listed, words
+from daq.sessions.amendments import amended_lines, amendments_of, block_of, exchanged, listed, words
 from daq.sessions.models import Amendment, Session
 from server.application.amending import amendable, keep_amendments, take_back
 from server.commands.console import answer, say
@@ -93,7 +93,7 @@ def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | Non
     if not rows:
         say(f"{read.id}: nothing is amended.")
     for row in rows:
-        say(amended_line(row))
+        say(*amended_lines([row]))
     if new:
         again = f"fingertwin diagnose {quoted(session)}"
         say(f"The entries stay in session.yaml. Look again: {again}; take it back with --undo.")

@@ -66,9 +66,14 @@ export function answer(job, { session, model, add, amend, amendBlocks, keep, pla
 // What has to be known before a result: warnings of the check, and what was amended.
 export function before(body) {
   const warned = (body.warnings || []).map((w) => el("p", { class: w.level === "error" ? "bad" : "warn" }, w.level === "error" ? "Error found by the check: " : "", `${w.place}: ${w.words}`));
-  const amended = (body.amendments || []).map((a) => el("p", {}, `${a.case} is amended: ${a.words}. ${a.why}`));
+  const alike = {};
+  for (const a of body.amendments || []) (alike[`${a.words}. ${a.why}`] ||= []).push(a.case);
+  const amended = Object.entries(alike).map(([what, cases]) => el("p", {}, `${some(cases)} ${cases.length > 1 ? "are" : "is"} amended: ${what}`));
   return warned.length || amended.length ? panel("Before you read on", warned, amended) : null;
 }
+
+// Some cases, the first of them by name where they are many.
+const some = (cases) => (cases.length > 4 ? `${cases.slice(0, 3).join(", ")} and ${cases.length - 3} more` : cases.join(", "));
 
 function ranking(body, link) {
   const rows = body.ranking.filter((r) => r.log_evidence_gain !== null && (r.probability >= 0.01 || !r.effects.length)).slice(0, 12);

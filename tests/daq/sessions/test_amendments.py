@@ -16,7 +16,7 @@ from daq.sessions import (
     AMENDMENTS_FILE as FILE,
 )
 from daq.sessions import parse_session, plain_document, read_amendments, read_session, write_session
-from daq.sessions.amendments import amendment, exchanged, listed, write_amendments
+from daq.sessions.amendments import amended_lines, amendment, exchanged, listed, write_amendments
 from daq.signals.corrections import as_entered, measure
 from daq.vocabulary import OTHER_MOUNT
 
@@ -71,6 +71,19 @@ def test_a_case_that_was_read_at_the_other_mount_is_measured_in_its_axes(tmp_pat
     assert again.sha256 == measure(session).sha256
     assert again.covariance() == pytest.approx(measure(session).covariance(), rel=1e-12)
     assert again.session == session
+
+
+def test_cases_amended_alike_are_told_on_one_line(folder: Path) -> None:
+    session = read_session(folder)
+    bones = [c.id for c in session.cases if c.location == "bone"][:6]
+    made = [amendment(session, case, "seen on the photo", location="tip") for case in bones]
+    made += [amendment(session, session.cases[0].id, "the suture slipped", exclude=True)]
+    write_amendments(folder, tuple(made))
+    block, alone = amended_lines(listed(read_session(folder)))
+    assert block.startswith(
+        f"Amended {bones[0]}, {bones[1]}, {bones[2]} and 3 more: the cell was at the tip (entered: bone);"
+    )
+    assert alone.startswith(f"Amended {session.cases[0].id}: left out; the suture slipped")
 
 
 def test_heeding_amendments_twice_is_heeding_them_once(folder: Path) -> None:
