@@ -67,7 +67,7 @@ export function answer(job, { session, model, add, amend, amendBlocks, keep, pla
 export function before(body) {
   const warned = (body.warnings || []).map((w) => el("p", { class: w.level === "error" ? "bad" : "warn" }, w.level === "error" ? "Error found by the check: " : "", `${w.place}: ${w.words}`));
   const alike = {};
-  for (const a of body.amendments || []) (alike[`${a.words}. ${a.why}`] ||= []).push(a.case);
+  for (const a of body.amendments || []) (alike[`${a.words}; ${a.why}`] ||= []).push(a.case);
   const amended = Object.entries(alike).map(([what, cases]) => el("p", {}, `${some(cases)} ${cases.length > 1 ? "are" : "is"} amended: ${what}`));
   return warned.length || amended.length ? panel("Before you read on", warned, amended) : null;
 }
