@@ -234,12 +234,10 @@ def amended_lines(rows: Iterable[Mapping[str, Any]]) -> list[str]:
 
 def _some(cases: Sequence[str]) -> str:
     """Some cases, the first of them by name where they are many."""
-    shown = (
-        list(cases)
-        if len(cases) <= _MOST_NAMED
-        else [*cases[: _MOST_NAMED - 1], f"{len(cases) - _MOST_NAMED + 1} more"]
-    )
-    return f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
+    *first, last = cases
+    if len(cases) > _MOST_NAMED:
+        first, last = first[: _MOST_NAMED - 1], f"{len(cases) - _MOST_NAMED + 1} more"
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _amended(row: Mapping[str, Any]) -> str:

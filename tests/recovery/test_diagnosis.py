@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from dataclasses import replace
 from functools import cache
@@ -12,15 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.errors import ModelError
 from daq.sessions import parse_session, read_session, write_session
 from daq.signals.corrections import measure
 from fingermodel.diagnosis.answer.addition import add_effects
 from fingermodel.diagnosis.answer.answer import answer, nulls_beside, predictive
 from fingermodel.diagnosis.answer.ranking import parameters_of
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
-from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
+from fingermodel.diagnosis.next_cases.next_cases import plan_next
 from fingermodel.diagnosis.verdict.predictive import check, holding, predicted, together
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.diagnosis.verdict.verdict import doubted, with_unlike
@@ -30,7 +27,6 @@ from server.application.diagnosing import run_diagnosis
 from tests.simulator import Kind, draw_session, draw_truth
 
 TRUTH = Path(__file__).parents[1] / "truth"
-HOOK, FLEXED = "hook", "major_flexion"
 
 
 @cache
@@ -314,55 +310,11 @@ def test_a_finding_whose_own_quantity_changes_with_time_is_another_law() -> None
     assert doubted(found.verdict, found.best, replace(trend, size_N=2.0 * size, of_found=False)).kind == "undecided"
 
 
-@pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, Diagnosis, Path]:
-    folder = tmp_path_factory.mktemp("hanger")
-    draw_session(folder, 11, {"hanger_mass": 30.0}, nuisance_scale=0.7)
-    bench = Session.open(folder)
-    return bench, run_diagnosis(bench), folder
-
-
-def test_the_next_case_tests_the_finding(planned: tuple[Session, Diagnosis, Path]) -> None:
-    _, found, _ = planned
-    plan = plan_next(found)
-    assert found.verdict.effects == ("hanger_mass",)
-    assert plan.cases
-    assert set(plan.explanations.values()) == {0.5}
-    assert "nat; if both are equally probable before, probability of the true one" in plan.text
-    assert plan.cases[0].information_nat >= plan.cases[-1].information_nat > 0.0
-    assert any("weigh the hangers" in text for text in plan.instruments)
-
-
-def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Session, Diagnosis, Path], tmp_path: Path) -> None:
-    bench, found, _ = planned
-    measured = [PlannedReading(p, "tip", {"FDS": 950.0}) for p in (HOOK, "minor_flexion", FLEXED)]
-    document = freeze(plan_next(found, measured), "earlier", "specimen", "model", None, ())
-    path = tmp_path / "frozen.json"
-    write_frozen(document, path)
-    with pytest.raises(ModelError, match="never overwritten"):
-        write_frozen(document, path)
-    # The rig that has the hanger bears the finding out, the same rig without it does not.
-    told = score(read_frozen(path), name_of(found.best), "later", bench.observations)
-    assert len(told.cases) == len(document["cases"])
-    assert told.confirmed is not False
-    clean = tmp_path / "clean"
-    clean.mkdir()
-    draw_session(clean, 11, None, nuisance_scale=0.7)
-    other = score(read_frozen(path), name_of(found.best), "later", Session.open(clean).observations)
-    assert other.confirmed is not True
-    # What was frozen adds to a model without effects: under one that holds them the same name says something else.
-    assert score(document, name_of(found.best), "later", bench.observations, ("hanger_mass.m0",)).confirmed is None
-    # An explanation that contains the finding says nearly the same, and is no rival.
-    more = f"{name_of(found.best)} + worn_pulley.FDP"
-    with_more = copy.deepcopy(document)
-    with_more["explanations"][more] = 0.01
-    for case in with_more["cases"]:
-        case["predictions"][more] = case["predictions"][name_of(found.best)]
-    again = score(with_more, name_of(found.best), "later", bench.observations)
-    assert (again.confirmed, again.text) == (told.confirmed, told.text)
-    path.write_text(path.read_text(encoding="utf-8").replace('"tip"', '"bone"'), encoding="utf-8")
-    with pytest.raises(ModelError, match="changed after"):
-        read_frozen(path)
+def test_a_finding_of_two_is_tested_against_itself_less_one() -> None:
+    two = diagnosed("DEV-11")[1]
+    finding, rival = plan_next(two).explanations
+    assert set(finding.split(" + ")) == set(two.verdict.names)
+    assert {rival} < set(two.verdict.names)
 
 
 def test_a_clamp_that_resists_twist_is_taken_for_no_effect(tmp_path: Path) -> None:

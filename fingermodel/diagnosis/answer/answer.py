@@ -100,6 +100,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def meaning(d: Diagnosis) -> str:
     """What the verdict's probability is the probability of, in words."""
+    if d.faults:
+        return d.faults[0].words
     names, several = " and ".join(d.verdict.names), len(d.verdict.names) > 1
     kinds = {
         "found": f"{names} {'act by their known laws' if several else 'acts by its known law'}, whatever else does",
@@ -107,8 +109,6 @@ def meaning(d: Diagnosis) -> str:
         "none_of_catalogue": "something acts that no effect of the catalogue describes, whatever else does",
         "nothing_missing": "no effect acts, and nothing unknown",
     }
-    if d.faults:
-        return d.faults[0].words
     if d.verdict.kind != "undecided":
         return kinds[d.verdict.kind]
     # Its probability is that of what would be said if it were sure.

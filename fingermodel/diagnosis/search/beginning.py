@@ -142,16 +142,16 @@ class Beginner:
             begun = begun if slips == begun.slips else self.beside(slips)
         return begun
 
-    def overlooked(self, begun: Beginning, fits: Collection[Optimum]) -> frozenset[int]:
+    def overlooked(self, begun: Beginning, fits: Mapping[Explanation, Optimum]) -> frozenset[int]:
         """A case (or two exchanged) that would make an explanation more probable than the leader if it were bad.
 
         What a slip does may have been taken for an effect, or for a bent budget, while all candidates were free.
         """
         if len(begun.slips) >= self.most:
             return frozenset()
-        leader = max(fit.log_posterior for fit in fits)
+        leader = max(fit.log_posterior for fit in fits.values())
         best, found = leader, frozenset[int]()
-        for fit in fits:
+        for fit in fits.values():
             about = SlipsAbout(fit.session.changes, fit.theta)
             for node, without, apart in _asked(fit, begun.bad, leader):
                 scatter = fit.hyper.values(node).errors.scatter
@@ -159,7 +159,7 @@ class Beginner:
                     value = without + apart[case].anything + one.gain
                     if value > best:
                         best, found = value, _worst({case: (value, one.partner)})
-        return found or self._instead_of_member(begun, {fit.explanation: fit for fit in fits})
+        return found or self._instead_of_member(begun, fits)
 
     def _instead_of_member(self, begun: Beginning, fits: Mapping[Explanation, Optimum]) -> frozenset[int]:
         """A case whose slip a member of the leader explains, and less well: both are fitted without the member.

@@ -55,7 +55,7 @@ class Searched:
 def search(beginner: Beginner, begun: Beginning, most: int = MOST_FITS) -> Searched:
     """Search on from a beginning, with so many fits at most."""
     found = _Search(beginner.all_out(begun)).explained(most)
-    while cases := beginner.overlooked(found.begun, found.fits.values()):
+    while cases := beginner.overlooked(found.begun, found.fits):
         other = _Search(beginner.beside((*found.begun.slips, cases))).explained(most, found.fits)
         slips = explained(other.leader, cases)
         gain = max((one.gain for one in slips.values()), default=0.0)
