@@ -1,4 +1,4 @@
-"""The bench page of a session that is recorded, replayed, or not there."""
+"""The bench page of a session that is recorded, replayed, or not there, and what it keeps of readings."""
 
 from __future__ import annotations
 
@@ -100,3 +100,41 @@ def test_while_a_recording_is_replayed_the_headline_says_so_and_afterwards_that_
             seen.page.close()
         finally:
             replay.close()
+
+
+RING = """async () => {
+    const { Ring, Rate } = await import('/pages/views/bench_ring.js');
+    const ring = new Ring(16);
+    const six = (v) => [v, v, v, v, null, v];
+    const body = (t) => ({ from_s: [t], to_s: [t + 0.5], count: [7], least: [six(t - 1)], most: [six(t + 1)],
+        latest: [six(t)], mean: [six(t)], overload: [t === 97] });
+    let readings = 0;
+    for (let t = 0; t < 100; t++) readings += ring.take(body(t));
+    const again = ring.take(body(98));
+    const low = ring.low[ring.at(0) * 6];
+    const rate = new Rate();
+    for (let ms = 0; ms < 10000; ms += 20) rate.add(20, ms);
+    const high = ring.high[ring.at(15) * 6];
+    const found = ring.to[ring.at(ring.find(90))];
+    const out = { readings, again, count: ring.count, first: ring.firstS, last: ring.lastS, low, high, found,
+        nothing: Number.isNaN(ring.low[4]), over: ring.overloadedSince(96), not: ring.overloadedSince(98.2),
+        hz: rate.hz(10000), silent: rate.hz(20000), room: ring.low.length };
+    ring.take(body(3));
+    return { ...out, anew: [ring.count, ring.lastS] };
+}"""
+
+
+def test_the_page_keeps_the_last_minutes_in_arrays_that_never_grow(browser: Any, service: tuple[str, Process]) -> None:
+    url, _ = service
+    seen = watched(browser, url)
+    seen.page.goto(url)
+    found = seen.page.evaluate(RING)
+    seen.page.close()
+    assert (found["readings"], found["again"]) == (700, 0)
+    assert (found["count"], found["first"], found["last"]) == (16, 84.0, 99.5)
+    assert (found["low"], found["high"], found["nothing"], found["room"]) == (83.0, 100.0, True, 96)
+    assert (found["found"], found["over"], found["not"]) == (90.5, True, False)
+    assert found["hz"] == pytest.approx(1000.0, rel=0.02)
+    assert found["silent"] is None
+    # The bench's clock began anew.
+    assert found["anew"] == [1, 3.5]
