@@ -144,6 +144,7 @@ def test_what_cannot_be_diagnosed_is_refused_in_a_line(
     assert body is None
 
 
+@pytest.mark.full
 def test_forces_of_the_other_sign_are_a_fault_of_the_session_with_one_mount_too(tmp_path: Path) -> None:
     def turned(d: Document) -> Document:
         return with_force(lambda f: [-x for x in f])(where(lambda c: c["location"] == "tip")(d))

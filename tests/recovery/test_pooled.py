@@ -29,6 +29,7 @@ def pooled_of(folder: Path, drawn: Mapping[int, Mapping[str, Any]], outside: str
     return diagnose_pooled(sessions)
 
 
+@pytest.mark.full
 def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
     fault = {"zero_offset.bone": (0.3, 0.2, -0.2)}
     pooled = pooled_of(tmp_path, {21: fault, 22: fault})

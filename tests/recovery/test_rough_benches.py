@@ -142,7 +142,7 @@ def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(
     [
         (with_gain_drift, "the cell's gain", "time", (-3.0, 0.0, 3.0)),
         pytest.param(with_tension_drift, "what FDP pulls", "time", (-4.0, 0.0, 4.0), marks=pytest.mark.full),
-        (with_saturation, "the cell's gain", "load", (0.0, -4.0, -8.0)),
+        pytest.param(with_saturation, "the cell's gain", "load", (0.0, -4.0, -8.0), marks=pytest.mark.full),
     ],
 )
 def test_what_goes_with_time_or_load_is_no_scatter_and_said(
@@ -173,6 +173,7 @@ def test_a_cell_that_reads_large_forces_low_is_recognised(tmp_path: Path) -> Non
     assert "(cell_nonlinearity)" in sentence(d)
 
 
+@pytest.mark.full
 def test_what_goes_with_time_takes_nothing_from_a_larger_effect(tmp_path: Path) -> None:
     draw_session(tmp_path, 50, {"hanger_mass": 60.0}, protocol="short", nuisance_scale=0.8)
     exact = Session.open(tmp_path)

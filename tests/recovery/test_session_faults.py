@@ -44,24 +44,26 @@ from tests.simulator import draw_session
     ("fault", "kind", "words"),
     [  # all of them, drawn anew, are in benchmarks/session_faults.md
         (side, "side", "the side is the other one"),
-        (sign, "posture", "has the other sign"),
+        pytest.param(sign, "posture", "has the other sign", marks=pytest.mark.full),
         pytest.param(radians, "posture", "in radians", marks=pytest.mark.full),
         pytest.param(
             every_angle_in_radians, "posture", "the angles of all postures are in radians", marks=pytest.mark.full
         ),
         pytest.param(tendons_in_a_posture, "tendon_labels", "were exchanged in ", marks=pytest.mark.full),
-        (postures, "posture", "were exchanged throughout"),
+        pytest.param(postures, "posture", "were exchanged throughout", marks=pytest.mark.full),
         pytest.param(mount, "mount", "the cell was at the ", marks=pytest.mark.full),
         pytest.param(mounts, "mount", "tip and bone were exchanged throughout", marks=pytest.mark.full),
         pytest.param(sign_everywhere, "posture", "has the other sign in all postures", marks=pytest.mark.full),
         pytest.param(joints_in_a_posture, "posture", "PIP and DIP were exchanged in ", marks=pytest.mark.full),
-        (joints_everywhere, "posture", "PIP and DIP were exchanged in all postures"),
+        pytest.param(
+            joints_everywhere, "posture", "PIP and DIP were exchanged in all postures", marks=pytest.mark.full
+        ),
         (mistyped_angle, "posture", "was about "),
         pytest.param(weights_of_a_tendon, "weight", "times what was entered", marks=pytest.mark.full),
         (rows, "rows", "each load was entered one row too "),
         (moments_in_Nm, "unit", "the moments are in N m"),
         (unseen_sign, "posture", "has the other sign"),
-        (unseen_radians, "posture", "in radians"),
+        pytest.param(unseen_radians, "posture", "in radians", marks=pytest.mark.full),
     ],
 )
 def test_what_was_entered_wrongly_throughout_is_named(
@@ -97,6 +99,7 @@ def _expect_put_right(folder: Path, amend: list[dict[str, Any]], original: Sessi
     }
 
 
+@pytest.mark.full
 def test_a_posture_that_was_another_one_of_the_times_it_was_set_is_named(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)
@@ -177,6 +180,7 @@ def test_a_weight_that_weighs_another_amount_is_named_with_it(
     assert found["effects"] == []
 
 
+@pytest.mark.full
 def test_a_piece_that_is_in_all_heavier_loads_is_named_with_what_it_weighs(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
     session = Recorded(tmp_path)
@@ -241,6 +245,7 @@ def _weighed(session: Recorded, entered: dict[float, float]) -> None:
     session.write()
 
 
+@pytest.mark.full
 def test_a_gain_below_one_is_a_share_of_the_force_that_passes_the_cell_by(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)

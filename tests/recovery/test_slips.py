@@ -22,7 +22,7 @@ from tests.simulator.slips import Done
 @pytest.mark.parametrize(
     ("kind", "effects", "scatter"),
     [
-        ("posture", {}, 0.01),
+        pytest.param("posture", {}, 0.01, marks=pytest.mark.full),
         ("exchanged", {"hanger_mass": 40.0}, 0.01),
         ("kept", {}, 0.0),
         pytest.param("tare", {}, 0.01, marks=pytest.mark.full),
@@ -100,6 +100,7 @@ def test_a_case_of_either_mount_that_was_entered_at_the_other_is_named(tmp_path:
     assert found["verdict"] == "nothing_missing"
 
 
+@pytest.mark.full
 def test_a_slip_that_another_effect_would_explain_is_named_beside_the_true_one(tmp_path: Path) -> None:
     draw_session(tmp_path, 62, {"cell_rotation": (-3.5, 4.0, 0.3)}, nuisance_scale=1.5)
     file = tmp_path / "session.yaml"
@@ -141,6 +142,7 @@ def test_a_suspect_does_not_count_in_the_errors(tmp_path: Path) -> None:
     assert summary["rmse_N"] < 0.05
 
 
+@pytest.mark.full
 def test_loads_hung_the_other_way_round_in_two_postures_are_told_and_put_right_by_their_masses(tmp_path: Path) -> None:
     draw_session(tmp_path, 51, {}, nuisance_scale=0.8, done=Done(51, 0.01))
     file = tmp_path / "session.yaml"

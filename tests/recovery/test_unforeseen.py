@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.recovery.diagnosed import diagnosed
 from tests.simulator import CATALOGUE, draw_session
@@ -14,6 +15,7 @@ from tests.simulator.rig import Acting, acting
 from tests.simulator.situation import Effect, Situation
 
 
+@pytest.mark.full
 def test_an_effect_in_one_posture_alone_is_told_there_and_gets_no_other_name(tmp_path: Path) -> None:
     """Joint friction where the clamp was too tight. Two other effects, far off, would explain as much."""
     effect, posture = CATALOGUE["joint_friction"], "major_flexion"
