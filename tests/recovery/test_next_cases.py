@@ -46,6 +46,8 @@ def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Session, Diagnos
     with pytest.raises(ModelError, match="never overwritten"):
         write_frozen(document, path)
     # The rig that has the hanger bears the finding out, the same rig without it does not.
+    earlier = score(read_frozen(path), name_of(found.best), "earlier", bench.observations)
+    assert earlier.confirmed is None
     told = score(read_frozen(path), name_of(found.best), "later", bench.observations)
     assert len(told.cases) == len(document["cases"])
     assert told.confirmed is not False

@@ -75,6 +75,7 @@ def test_what_the_sessions_of_one_specimen_have_alone_is_chance(tmp_path: Path) 
     assert min(gains[s] for s in ("61", "62", "63")) > -1.0
 
 
+@pytest.mark.full
 def test_what_each_has_of_its_own_is_not_shared(tmp_path: Path) -> None:
     found = found_in(tmp_path, {64: (LAW,), 65: (OTHERS[0],), 66: (OTHERS[1],)})
     assert not found.is_shared
