@@ -40,7 +40,7 @@ def test_the_next_case_tests_the_finding(planned: tuple[Session, Diagnosis, Path
 def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Session, Diagnosis, Path], tmp_path: Path) -> None:
     bench, found, _ = planned
     measured = [PlannedReading(p, "tip", {"FDS": 950.0}) for p in (HOOK, "minor_flexion", FLEXED)]
-    document = freeze(plan_next(found, measured), "earlier", "specimen", "model", None, ())
+    document = freeze(plan_next(found, measured), "earlier", "specimen", "model", None, bench.observations.ids)
     path = tmp_path / "frozen.json"
     write_frozen(document, path)
     with pytest.raises(ModelError, match="never overwritten"):
