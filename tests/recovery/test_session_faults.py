@@ -119,6 +119,18 @@ def test_a_posture_that_was_another_one_of_the_times_it_was_set_is_named(tmp_pat
     assert change["posture"] == set_to
 
 
+def test_what_leaves_the_validation_cases_unexplained_is_no_fault(tmp_path: Path) -> None:
+    """Of a posture of validation cases alone one angle is off; two joints exchanged would be nearer, and are not it."""
+    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    angles = next(iter(session.unseen_postures.values()))
+    angles["DIP"] += 18.0
+    session.write()
+    found = diagnosed(tmp_path)
+    assert (found["verdict"], found["effects"], found["session_faults"]) == ("undecided", [], [])
+    assert any("the validation cases are not as the model" in reason for reason in found["reasons"])
+
+
 def test_a_slip_beside_a_fault_of_the_session_is_named_too(tmp_path: Path) -> None:
     """And no case is a suspect for what the fault does to it."""
     draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)

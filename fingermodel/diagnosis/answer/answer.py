@@ -15,7 +15,7 @@ from fingermodel.diagnosis.posterior.curves import curve_answer
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, SCATTER
 from fingermodel.diagnosis.session_model.bad_cases import Explained
 from fingermodel.diagnosis.settings import LIVE, P_VALUE, SURE
-from fingermodel.diagnosis.verdict.far_off import part_far_off
+from fingermodel.diagnosis.verdict.far_off import remarkable
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits, words
@@ -297,9 +297,7 @@ def remarks(d: Diagnosis) -> list[str]:
         out.append(
             f"The specimen differs {anatomy:.1f} times as much from the finger of its file as the anatomy's priors say."
         )
-    part = part_far_off(d.best)
-    if part and part not in d.verdict.short:
-        out.append(f"{part[0].upper()}{part[1:]}.")
+    out += [f"To be looked at: {said}." for said in remarkable(d.best) if said not in d.verdict.short]
     if d.outliers:
         ids = ", ".join(d.session.observations.ids[case] for case in d.outliers)
         out.append(f"Not counted: {ids}, off by more than usual noise, and by less than a slip would explain.")

@@ -7,7 +7,7 @@ the posture is set anew for it. A case is worth the mutual information between e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -140,8 +140,11 @@ def largest_loads(diagnosis: Diagnosis) -> dict[str, float]:
 
 
 def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
-    """Postures, mounts and tendons of the session; each tendon alone, at full and half load, and in twos."""
-    observations = diagnosis.session.observations
+    """Postures, mounts and tendons of the session; each tendon alone, at full and half load, and in twos.
+
+    What was read already is left out, but for suspects: what a case has taught tests nothing.
+    """
+    observations, suspects = diagnosis.session.observations, diagnosis.suspects
     used = [i for i, role in enumerate(observations.roles) if role != "check"]
     postures = list(dict.fromkeys(observations.postures[i] for i in used))
     locations = list(dict.fromkeys(observations.locations[i] for i in used))
@@ -151,7 +154,18 @@ def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
     limit = max(sum(masses.values()) for masses in hung(diagnosis)) + 1e-9
     pairs = combinations(largest, 2)
     loads += [{a: largest[a], b: largest[b]} for a, b in pairs if largest[a] + largest[b] <= limit]
-    return [PlannedReading(p, place, masses) for p in postures for place in locations for masses in loads]
+    planned = [PlannedReading(p, place, masses) for p in postures for place in locations for masses in loads]
+    read = {
+        _hanging(observations.postures[i], observations.locations[i], observations.masses_g[i])
+        for i in used
+        if i not in suspects
+    }
+    return [c for c in planned if _hanging(c.posture, c.location, c.masses_g) not in read]
+
+
+def _hanging(posture: str, location: str, masses_g: Mapping[str, float]) -> tuple[object, ...]:
+    """What a case is, its masses to a gram."""
+    return posture, location, frozenset((muscle, round(mass)) for muscle, mass in masses_g.items())
 
 
 def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = None) -> Plan:

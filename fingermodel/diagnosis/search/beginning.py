@@ -242,13 +242,15 @@ class Beginner:
 def unlike_sound(session: Session, slips: Mapping[int, Explained]) -> tuple[int, ...]:
     """Cases taken for bad that no slip explains, and no sound fitted case is like: something may act there alone.
 
-    Alike are cases at one mount in which the same tendons are loaded together.
+    Alike are cases at one mount in which the same tendons are loaded together, as much or more.
     """
-    fitted, out = np.unique(session.rows[session.fitted] // 6).tolist(), list[int]()
-    for of_set in np.unique(session.load_sets[list(slips)]) if slips else ():
-        alike = [case for case in fitted if session.load_sets[case] == of_set]
-        if set(alike) <= slips.keys() and sum(LOG_PRIOR_ODDS + slips[c].gain for c in alike) < np.log(P_UNLIKE):
-            out += alike
+    taken = np.array(list(slips), dtype=np.intp)
+    sound = session.as_loaded(taken) & ~np.isin(session.fitted_cases, taken)
+    alone, out = taken[~sound.any(axis=1)], list[int]()
+    for of_set in np.unique(session.load_sets[alone]):
+        cases = alone[session.load_sets[alone] == of_set].tolist()
+        if sum(LOG_PRIOR_ODDS + slips[case].gain for case in cases) < np.log(P_UNLIKE):
+            out += cases
     return tuple(out)
 
 

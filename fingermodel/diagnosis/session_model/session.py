@@ -140,26 +140,27 @@ class Session:
     @cached_property
     def unlike_fitted(self) -> frozenset[int]:
         """Validation cases in a posture, with tendons loaded together, or under a load that no fitted case has."""
-        tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self._fitted_cases, self._unseen_cases
+        tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self.fitted_cases, self._unseen_cases
         loads, most = {tuple(tension[i] > 0.0) for i in fitted}, tension[fitted].max(axis=0) * (1.0 + _ALIKE)
         strange = np.array([tuple(tension[i] > 0.0) not in loads or bool((tension[i] > most).any()) for i in unseen])
         return frozenset(unseen[strange | self._in_new_posture].tolist())
 
     @cached_property
     def beyond_fitted(self) -> Mask:
-        """(cases,) validation cases that are unlike any fitted one, or loaded more heavily than any alike.
-
-        Alike are cases at one mount in which the same tendons are loaded together.
-        """
-        tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self._fitted_cases, self._unseen_cases
-        alike = self.load_sets[unseen, None] == self.load_sets[fitted]
-        enough = (tension[unseen, None] <= tension[fitted] * (1.0 + _ALIKE)).all(axis=2)
-        out = np.zeros(len(tension), dtype=bool)
-        out[unseen] = self._in_new_posture | ~(alike & enough).any(axis=1)
+        """(cases,) validation cases in a posture that no fitted case has, or not as loaded as any fitted one."""
+        out, unseen = np.zeros(len(self.observations.ids), dtype=bool), self._unseen_cases
+        out[unseen] = self._in_new_posture | ~self.as_loaded(unseen).any(axis=1)
         return out
 
-    @property
-    def _fitted_cases(self) -> Ints:
+    def as_loaded(self, cases: Ints) -> Mask:
+        """(cases, fitted cases) which fitted ones load the same tendons together at the same mount, as much or more."""
+        tension, fitted = np.asarray(self.observations.inputs.tension), self.fitted_cases
+        alike = self.load_sets[cases, None] == self.load_sets[fitted]
+        return np.asarray(alike & (tension[cases, None] <= tension[fitted] * (1.0 + _ALIKE)).all(axis=2))
+
+    @cached_property
+    def fitted_cases(self) -> Ints:
+        """(fitted cases,) indices of the cases of which readings are fitted."""
         return np.unique(self.rows[self.fitted] // 6)
 
     @property
@@ -170,7 +171,7 @@ class Session:
     def _in_new_posture(self) -> Mask:
         """(validation cases,) whether no fitted case is in their posture."""
         postures = np.array(self.observations.postures)
-        return ~np.isin(postures[self._unseen_cases], postures[self._fitted_cases])
+        return ~np.isin(postures[self._unseen_cases], postures[self.fitted_cases])
 
     @cached_property
     def load_sets(self) -> Ints:

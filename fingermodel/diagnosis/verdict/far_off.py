@@ -26,6 +26,8 @@ _MOST = {
     BUDGET: "budget",
     ANATOMY: "spread of anatomy",
 }
+# One chance in twenty is worth a remark: what is so far off should be looked at.
+_REMARKED = 0.05
 # Readings tell so much of a part of the anatomy at least, in parameters, of which one asks.
 _TOLD = 0.5
 
@@ -36,9 +38,10 @@ def far_off(fit: Optimum) -> str:
     return _of_rig(fit, found) or _of_anatomy(fit, found)
 
 
-def part_far_off(fit: Optimum) -> str:
-    """The same of the specimen alone."""
-    return _of_anatomy(fit, fit.everything(fit.node))
+def remarkable(fit: Optimum) -> list[str]:
+    """What is said of the rig's error that is furthest off, and of the specimen's part, where a verdict stands."""
+    found = fit.everything(fit.node)
+    return [said for said in (_of_rig(fit, found, _REMARKED), _of_anatomy(fit, found)) if said]
 
 
 def beyond_priors(fit: Optimum) -> str:
@@ -50,7 +53,7 @@ def beyond_priors(fit: Optimum) -> str:
     return ""
 
 
-def _of_rig(fit: Optimum, found: Everything) -> str:
+def _of_rig(fit: Optimum, found: Everything, improbable: float = P_VALUE) -> str:
     table = fit.session.problem.model.parameters
     of_rig = np.flatnonzero(fit.session.problem.free & table.of_kind("budget"))
     off = {f"{table.names[k]} would have to be off by": abs(float(fit.x[k])) for k in of_rig}
@@ -67,9 +70,9 @@ def _of_rig(fit: Optimum, found: Everything) -> str:
             chance[said] = 2.0 * ndtr(-off[said])
             count += each.size
     least = min(chance, key=lambda said: chance[said], default="")
-    if not least or chance[least] * count >= P_VALUE:
+    if not least or chance[least] * count >= improbable:
         return ""
-    return f"{least} {off[least]:.0f} times what is stated, or usual"
+    return f"{least} {off[least]:.3g} times what is stated, or usual"
 
 
 def _of_anatomy(fit: Optimum, found: Everything) -> str:

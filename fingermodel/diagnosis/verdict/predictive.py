@@ -64,14 +64,6 @@ class PredictiveCheck:
         """Whether the explanation does not predict them."""
         return self.p_value is not None and self.p_value < P_VALUE
 
-    @property
-    def excess(self) -> float:
-        """Misfit of those that are not bad, for each reading; 1 where it is no more than noise makes."""
-        p = self.predictions[0][1]
-        sound = ~np.isin(p.cases, list(self.bad))
-        misfit = log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])[1]
-        return max(1.0, misfit / max(int(sound.sum()), 1))
-
     def setting_apart(self, bad: dict[int, float], slips: dict[int, Explained]) -> PredictiveCheck:
         """The same with these cases for the bad ones."""
         if not self.predictions:

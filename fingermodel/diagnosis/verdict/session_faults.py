@@ -29,7 +29,7 @@ from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind, changes, 
 from fingermodel.diagnosis.verdict.corrections import OF_A_SLIP, Corrected, Entries
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 from fingermodel.diagnosis.verdict.trend import Trend
-from fingermodel.diagnosis.verdict.verdict import explains_as_stated, explains_with_rig_as_stated
+from fingermodel.diagnosis.verdict.verdict import explains_with_rig_as_stated
 
 # Faults that are fitted, of those that promise most.
 _FITTED = 2
@@ -243,15 +243,13 @@ def unseen_faults(
     offers = [o for o in offers if _strikes(entries, ~fitted & (o.away != entries.away))]
     precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
     likely = sorted(offers, key=lambda o: float(o.away[~fitted] @ precision @ o.away[~fitted]))[:_FITTED]
-    values, explained = list[float](), explains_as_stated(leader)
+    values = list[float]()
     for offer in likely:
         fitter = Fitter(_with_readings(session, offer.observations).seen_from(leader.theta), candidates, leader.hyper)
         again = check(fitter.linearised(leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior))
-        # Where something else acts there as well, all uncertainties are too small, by the root of the misfit left.
-        # Where it does among the fitted cases, it may be all that is wrong.
-        gain = (again.log_evidence - as_entered.log_evidence) / again.excess
-        value = posterior.weight(leader) + as_entered.log_evidence + gain + _log_share(len(offers))
-        values.append(value if explained or not again.vetoes else -np.inf)
+        # What leaves these cases unexplained may make up for a part of something else.
+        value = posterior.weight(leader) + again.log_evidence + _log_share(len(offers))
+        values.append(-np.inf if again.vetoes else value)
     rest = [posterior.weights[e] + c.log_evidence for e, c in checked.items()]
     return _probable(likely, values, rest)
 

@@ -87,8 +87,8 @@ def with_unlike(verdict: Verdict, cases: Sequence[str]) -> Verdict:
     """The verdict where cases (ids) stand apart that no slip explains, and that no other fitted case is like."""
     them = "them" if len(cases) > 1 else "it"
     what = (
-        f"no slip explains the readings of {words(cases)}, and no other fitted case loads the same tendons at the same "
-        f"mount: something may act there alone; measure {them} again, and more like {them}"
+        f"no slip explains the readings of {words(cases)}, and no other fitted case loads the same tendons as much at "
+        f"the same mount: something may act there alone; measure {them} again, and more like {them}"
     )
     if verdict.kind == "nothing_missing":
         return replace(verdict, reasons=()).lacking(what)
@@ -250,7 +250,10 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
         f"Something of about {posterior.beyond_newton:.2g} N acts that no effect here describes{''.join(alone)}{looks}."
     )
     if (best := next(iter(known), None)) and known[best] >= 0.5:
-        said = f"Most of it is {best.name}, which rigs are known for and the catalogue leaves out: {best.title}."
+        said = (
+            f"Most of it looks like {best.name} (probability {min(known[best], 1.0):.2f}), "
+            f"which rigs are known for and the catalogue leaves out: {best.title}."
+        )
     return (said, *_beside(posterior, ()))
 
 

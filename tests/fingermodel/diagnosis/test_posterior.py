@@ -30,7 +30,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, OF_GROUP
-from fingermodel.diagnosis.verdict.far_off import beyond_priors, far_off
+from fingermodel.diagnosis.verdict.far_off import beyond_priors, far_off, remarkable
 from fingermodel.diagnosis.verdict.predictive import predicted
 from fingermodel.session import Session
 from tests.fingermodel.diagnosis.dense import dense, dense_of_all
@@ -328,6 +328,17 @@ def test_one_error_far_beyond_what_the_rig_states_is_no_small_error(hanger: Opti
     theta[at] += times * problem.scale[at]
     assert far_off(hanger.but(theta=theta)).startswith(said)
     assert bool(far_off(hanger.but(theta=theta))) is bool(said)
+
+
+def test_an_error_of_the_rig_that_one_in_many_has_is_remarked_though_the_verdict_stands(hanger: Optimum) -> None:
+    problem = hanger.session.problem
+    at, said = problem.model.parameters.index["zero.tip.y"], dict[float, list[str]]()
+    for times in (0.0, 4.0):
+        theta = problem.centre.copy()
+        theta[at] += times * problem.scale[at]
+        said[times] = [s for s in remarkable(hanger.but(theta=theta)) if "would have to be off" in s]
+        assert far_off(hanger.but(theta=theta)) == ""
+    assert said == {0.0: [], 4.0: ["zero.tip.y would have to be off by 4 times what is stated, or usual"]}
 
 
 @pytest.mark.parametrize(("off", "said"), [(0.01, ""), (0.15, "one error (error of each weight) would have to be")])

@@ -86,6 +86,18 @@ def test_cases_that_no_sound_one_is_like_are_no_slips_unless_a_slip_explains_the
     assert unlike_sound(session, {}) == ()
 
 
+def test_cases_heavier_than_any_sound_one_of_their_tendons_are_no_slips_either(nothing: Optimum) -> None:
+    session = nothing.session
+    total, of_fitted = np.asarray(session.observations.inputs.tension).sum(axis=1), session.load_sets
+    by_load = [session.fitted_cases[of_fitted[session.fitted_cases] == number] for number in np.unique(of_fitted)]
+    cases = next(of_set for of_set in by_load if np.ptp(total[of_set]) > 0.2 * total[of_set].max())
+    heaviest = cases[total[cases] > 0.99 * total[cases].max()].tolist()
+    unknown = Explained(0.0, 1.0, ())
+    assert unlike_sound(session, dict.fromkeys(heaviest, unknown)) == tuple(heaviest)
+    lightest = cases[total[cases] < 1.01 * total[cases].min()].tolist()
+    assert unlike_sound(session, dict.fromkeys(lightest, unknown)) == ()
+
+
 @given(
     st.integers(2, 12),
     st.integers(0, 2**32 - 1),
