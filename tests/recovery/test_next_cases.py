@@ -10,7 +10,7 @@ import pytest
 from daq.errors import ModelError
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
-from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
+from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, feasible, name_of, plan_next
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
 from tests.simulator import draw_session
@@ -35,6 +35,10 @@ def test_the_next_case_tests_the_finding(planned: tuple[Session, Diagnosis, Path
     assert "nat; if both are equally probable before, probability of the true one" in plan.text
     assert plan.cases[0].information_nat >= plan.cases[-1].information_nat > 0.0
     assert any("weigh the hangers" in text for text in plan.instruments)
+    # What was read already has taught what it can.
+    o = found.session.observations
+    read = list(zip(o.postures, o.locations, o.masses_g, strict=True))
+    assert all((c.posture, c.location, dict(c.masses_g)) not in read for c in feasible(found))
 
 
 def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Session, Diagnosis, Path], tmp_path: Path) -> None:

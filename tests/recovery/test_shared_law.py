@@ -35,6 +35,7 @@ def found_in(
     return found
 
 
+@pytest.mark.full
 def test_a_shared_law_is_found_where_it_lives_and_by_its_formula(tmp_path: Path) -> None:
     found = found_in(tmp_path, dict.fromkeys((61, 62, 63), (LAW,)))
     assert found.is_shared, found.sentence

@@ -12,7 +12,19 @@ import yaml
 
 from daq.locations import data_dir
 from daq.sessions import read_session, session_names
-from tests.server.command_line import CASE, ERRORS, H01, HMEAN, Document, altered, every_case, numbers, refused, run
+from tests.server.command_line import (
+    CASE,
+    ERRORS,
+    H01,
+    HMEAN,
+    Document,
+    altered,
+    every_case,
+    numbers,
+    refused,
+    run,
+    strict,
+)
 
 # compare
 
@@ -114,8 +126,9 @@ def test_a_case_with_a_mistyped_mass_counts_in_no_error_of_a_refit(tmp_path: Pat
 
     session = altered(tmp_path, mistype, "DEV-02")
     case = read_session(session).cases[3]
-    given = ("refit", session, "--out", tmp_path / "r1.json")
-    body = run(*given, "--json", "-").body("refit")
+    given = ("refit", session, "--out", tmp_path / "r1.json", "--figures", tmp_path / "figures")
+    told = run(*given, "--json", tmp_path / "r1-answer.json").out
+    body = strict((tmp_path / "r1-answer.json").read_text(encoding="utf-8"), "refit")
     assert body["reading_errors"]["not_counted"] == [case.id]
     sound = run("refit", "DEV-02", "--out", tmp_path / "r2.json", "--json", "-").body("refit")
     of_case = f"{case.role}/{case.location}"
@@ -124,7 +137,6 @@ def test_a_case_with_a_mistyped_mass_counts_in_no_error_of_a_refit(tmp_path: Pat
         assert counts == [counts[1] - 1, counts[1]]
     ours, theirs = (found["after"]["validation/tip"]["space"]["rmse_N"] for found in (body, sound))
     assert ours == pytest.approx(theirs, rel=0.2)
-    told = run("refit", session, "--out", tmp_path / "r3.json", "--figures", tmp_path / "figures").out
     assert f"without {case.id}" in told
     page = (tmp_path / "figures" / "compare.html").read_text(encoding="utf-8")
     assert f"does not count what stands apart: {case.id}." in page

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 
 from fingermodel.effects.user import load_effect
-from server.figures.shared_law import law_figure, shared_sections
+from server.figures.shared_law import shared_sections
 from tests.server.command_line import run
 
 SPECIMENS = ("synek2019_B01", "synek2019_H01", "synek2019_H02", "synek2019_H03")
@@ -23,56 +22,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     return folder, run("diagnose", *SPECIMENS, *arguments).body("diagnose")
 
 
-def test_the_published_specimens_share_an_error_of_moment_arms(told: tuple[Path, dict[str, Any]]) -> None:
-    shared = told[1]["shared"]
-    assert shared.keys() >= {"log_evidence_over_own", "permutation_p", "left_out_gain", "carried_by", "laws"}
-    assert shared["stage"] == "arms"
-    assert shared["log_evidence_over_own"] > 3.0
-    assert shared["permutation_p"] <= 0.02
-    # H02 has two fits about equally good: which one a machine's rounding prefers decides whether it gains.
-    gains = shared["left_out_gain"]
-    assert sum(gains.values()) > 9.0
-    assert all(gain > 0.0 for specimen, gain in gains.items() if specimen != "synek2019_H02")
-    assert {(c["muscle"], c["joint"]) for c in shared["carried_by"][:2]} == {("RI", "PIP"), ("FDS", "PIP")}
-
-
-def test_its_law_lowers_the_tip_error_of_specimens_that_it_was_not_learned_from(
-    told: tuple[Path, dict[str, Any]],
-) -> None:
-    law = told[1]["shared"]["laws"][0]
-    assert law["formula"] == "torque[PIP] += k * t_FDS * q_MCP"
-    assert "torque[PIP] += k * t_FDS * sin(q_MCP)" in law["rivals"]
-    assert all(gain > 0.0 for gain in law["left_out_gain"].values())
-    falls = [e["tip"]["after"] < e["tip"]["before"] for e in law["unseen_rmse_N"].values()]
-    assert sum(falls) >= 3
-    # The bone loads are another matter, and it says so.
-    assert any(e["bone"]["after"] > e["bone"]["before"] for e in law["unseen_rmse_N"].values())
-    assert law["agreement"] < 2.0
-
-
-def test_its_law_is_drawn_as_these_readings_would_show_it(told: tuple[Path, dict[str, Any]]) -> None:
-    curve, law = told[1]["shared"]["curves"][0], told[1]["shared"]["laws"][0]
-    shown = {(p["muscle"], p["joint"]): np.array(y) for p, y in zip(curve["parts"], law["curve"], strict=True)}
-    sizes = {part: float(np.linalg.norm(y)) for part, y in shown.items()}
-    assert max(sizes, key=lambda part: sizes[part]) == ("FDS", "PIP")
-    said = law["value"] * np.deg2rad([p["MCP"] for p in curve["postures_deg"]])
-    assert np.corrcoef(shown["FDS", "PIP"], said)[0, 1] > 0.9
-    assert sizes["FDS", "PIP"] < np.linalg.norm(said), "smoothing takes some of it"
-    figure = law_figure(told[1])
-    assert law["formula"] in figure.layout.title.text
-    assert sum(t.name == "the law" for t in figure.data) == len(curve["parts"])
-
-
-def test_it_says_what_would_decide(told: tuple[Path, dict[str, Any]]) -> None:
-    found = told[1]["shared"]["would_decide"]
-    assert found["on"] in SPECIMENS
-    assert found["readings"]
-    assert found["between"][0] == told[1]["shared"]["laws"][0]["formula"]
-    gains = [r["information_nat"] for r in found["readings"]]
-    assert gains == sorted(gains, reverse=True)
-    assert all("FDS" in r["masses_g"] for r in found["readings"][:2])
-
-
+@pytest.mark.full
 def test_the_law_is_an_effect_file_that_names_its_source(told: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, body = told
     assert body["law"] == str(folder / "law.yaml")
@@ -83,6 +33,7 @@ def test_the_law_is_an_effect_file_that_names_its_source(told: tuple[Path, dict[
     assert load_effect(folder / "law.yaml").name == document["name"]
 
 
+@pytest.mark.full
 def test_add_puts_it_into_each_session(
     told: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,6 +48,7 @@ def test_add_puts_it_into_each_session(
         assert k["value"] < 0.0
 
 
+@pytest.mark.full
 def test_the_report_shows_curve_chance_and_laws(told: tuple[Path, dict[str, Any]]) -> None:
     folder, body = told
     page = folder / "report" / "shared.html"

@@ -86,7 +86,7 @@ def test_a_run_fits_every_replicate_once_and_tells_its_share(plain: tuple[dict[s
     )
 
 
-@pytest.mark.parametrize("place", ["processes", "dask"])
+@pytest.mark.parametrize("place", ["processes", pytest.param("dask", marks=pytest.mark.full)])
 def test_the_place_changes_nothing(
     plain: tuple[dict[str, Any], Kept], place: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,7 +126,7 @@ def test_parts_of_a_session_that_has_changed_since_are_not_used(plain: tuple[dic
     assert sessions[0][NAMES[1]] != sessions[1][NAMES[1]]
 
 
-@pytest.mark.parametrize("name", ["synek2019_H01", "DEV-01"])
+@pytest.mark.parametrize("name", [pytest.param("synek2019_H01", marks=pytest.mark.full), "DEV-01"])
 def test_draws_have_the_covariance_of_the_readings_shared_tares_included(name: str) -> None:
     bench = Session.open(name, catalogue=False)
     kept = Kept()
