@@ -50,7 +50,7 @@ def truth_of(session: str) -> dict[str, Any]:
     [
         ("DEV-01", "nothing_missing", ()),
         ("DEV-02", "found", ("hanger_mass",)),
-        ("DEV-03", "found", ("sheath_friction",)),
+        pytest.param("DEV-03", "found", ("sheath_friction",), marks=pytest.mark.full),
         ("DEV-04", "found", ("cell_rotation",)),
         pytest.param("DEV-05", "found", ("goniometer_bias",), marks=pytest.mark.full),
         pytest.param("DEV-06", "found", ("bowstringing",), marks=pytest.mark.full),

@@ -74,7 +74,9 @@ def test_a_clean_bench_that_repeats_to_two_percent_stays_clean(tmp_path: Path) -
     assert not found["suspects"]
 
 
-@pytest.mark.parametrize(("extra_N", "verdict"), [(0.005, "nothing_missing"), (0.03, "undecided")])
+@pytest.mark.parametrize(
+    ("extra_N", "verdict"), [(0.005, "nothing_missing"), pytest.param(0.03, "undecided", marks=pytest.mark.full)]
+)
 def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_it_is_large(
     tmp_path: Path, extra_N: float, verdict: str
 ) -> None:

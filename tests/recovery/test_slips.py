@@ -23,7 +23,7 @@ from tests.simulator.slips import Done
     ("kind", "effects", "scatter"),
     [
         pytest.param("posture", {}, 0.01, marks=pytest.mark.full),
-        ("exchanged", {"hanger_mass": 40.0}, 0.01),
+        pytest.param("exchanged", {"hanger_mass": 40.0}, 0.01, marks=pytest.mark.full),
         ("kept", {}, 0.0),
         pytest.param("tare", {}, 0.01, marks=pytest.mark.full),
     ],

@@ -283,6 +283,7 @@ def test_sessions_of_one_specimen_are_told_apart_from_specimens_above_the_verdic
     assert "No law that specimens share is looked for" in out
 
 
+@pytest.mark.full
 def test_a_finding_is_confirmed_by_what_it_said_of_a_case_not_yet_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
