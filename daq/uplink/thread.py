@@ -40,6 +40,7 @@ class UplinkStatus:
         quarantined: chunks that it refused to this uplink.
         events_refused: events that it refused; they stay in the journal.
         caught_up: whether the service had all when it was last looked.
+        barred: whether the service does not give the session to this journal; another name is needed.
         problem: what is wrong, in one line; None where all is well.
     """
 
@@ -47,6 +48,7 @@ class UplinkStatus:
     quarantined: int
     events_refused: int
     caught_up: bool
+    barred: bool
     problem: str | None
 
 
@@ -61,6 +63,8 @@ class Uplink:
         client: to be used instead of one of its own.
         begins: whether the session is begun at the service, where it is not there yet.
         document: of the session that is begun; None where the journal's events are its record.
+        bench: whether these are a bench's, which takes no session of another's.
+        begun: called once the session may be sent to.
         clock: monotonic seconds.
         wall: wall-clock seconds, for dates in the service's answers only.
         chance: of 0 to 1.
@@ -79,6 +83,8 @@ class Uplink:
         client: httpx.Client | None = None,
         begins: bool = False,
         document: Mapping[str, Any] | None = None,
+        bench: bool = False,
+        begun: Callable[[], None] = lambda: None,
         clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
         chance: Callable[[], float] = random.random,
@@ -86,7 +92,7 @@ class Uplink:
         self._journal, self._clock = journal, clock
         self._link = Link(client or open_client(url, token), clock, wall, chance)
         self._session, self._document = session, document
-        self._begins, self._begun = begins, False
+        self._begins, self._begun, self._bench, self._on_begun = begins, False, bench, begun
         self._refusal: str | None = None
         self._chunks = ChunkFeed(journal, self._link, session)
         self._events = EventFeed(journal, self._link, session, clock)
@@ -129,7 +135,9 @@ class Uplink:
         if problem and self._refusal not in (None, problem):  # it is why a session is not there
             problem = f"{self._refusal}; {problem}"
         caught_up = self._idle_step == self._steps > 0
-        return UplinkStatus(self._chunks.sent, self._chunks.quarantined, self._events.refused, caught_up, problem)
+        barred = self._refusal is not None and not self._begun
+        sent, aside, refused = self._chunks.sent, self._chunks.quarantined, self._events.refused
+        return UplinkStatus(sent, aside, refused, caught_up, barred, problem)
 
     def step(self) -> float:
         """Make one exchange with the service at most; return how long to wait before the next [s]."""
@@ -191,15 +199,17 @@ class Uplink:
         return True
 
     def _begin_session(self) -> None:
-        """Begin the session at the service if it is absent; chunks and events are sent in any case."""
-        body = json.dumps({"id": self._session, "document": self._document}, allow_nan=False).encode()
+        """Begin the session at the service if it is absent; chunks and events are sent where it is no other's."""
+        known: dict[str, Any] = {"id": self._session, "document": self._document}
+        known |= {"bench": [s.id for s in self._journal.streams()]} if self._bench else {}
+        body = json.dumps(known, allow_nan=False).encode()
         response = self._link.exchange("POST", f"{API}/sessions", body, {"Content-Type": "application/json"})
         if response is None:
             return
         if response.status_code in (401, 403):
             self._link.back_off(said(response))
             return
-        if response.status_code == 409 and self._document is not None:
+        if response.status_code == 409 and (self._bench or self._document is not None):
             # Readings of one session must not go to another of its name.
             self._refuse(said(response))
             self._link.back_off(said(response))
@@ -207,6 +217,7 @@ class Uplink:
         self._begun, self._refusal = True, None
         if response.status_code == 422:
             self._refuse(said(response))
+        self._on_begun()
 
     def _refuse(self, why: str) -> None:
         """Tell why the session was not begun, once."""

@@ -55,6 +55,8 @@ def forwarding(
     acquisition: Acquisition,
     said: Callable[[str], None],
     document: Mapping[str, Any] | None = None,
+    *,
+    bench: bool = False,
 ) -> Iterator[LiveTail | None]:
     """Send a journal to a service while the block runs, and yield its live path; without an address, nothing.
 
@@ -66,6 +68,7 @@ def forwarding(
         acquisition: whose samples are shown live.
         said: takes a line about how it went.
         document: of the session, where it is known beforehand; else the journal's events are its record.
+        bench: whether these are a bench's, which takes no session of another's, and shows nothing there.
 
     Raises:
         InputError: the address is none.
@@ -75,11 +78,10 @@ def forwarding(
         yield None
         return
     token = os.environ.get(TOKEN)
-    uplink = Uplink(journal, to, session, token=token, begins=True, document=document)
     tail = LiveTail(to, session, token=token)
+    uplink = Uplink(journal, to, session, token=token, begins=True, document=document, bench=bench, begun=tail.start)
     acquisition.live = lambda t_s, samples: tail.offer(stream, t_s, samples.wrench, samples.overload)
     uplink.start()
-    tail.start()
     try:
         yield tail
     finally:

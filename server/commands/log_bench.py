@@ -147,7 +147,7 @@ def _follow(
             journal.event(Event("reconnected", from_s, {"away_s": round(from_s - before.last_s, 3)}, stream))
         meter = StreamMeter(run.full_scale)
         try:
-            with forwarding(delivery, options.session_name, journal, stream, acquisition, say) as tail:
+            with forwarding(delivery, options.session_name, journal, stream, acquisition, say, bench=True) as tail:
                 remote = None if tail is None else Remote(tail, run)
                 _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
         except KeyboardInterrupt:

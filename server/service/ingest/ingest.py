@@ -29,6 +29,7 @@ from server.service.ingest.stored import (
     in_stream,
     known_stream,
     raise_version,
+    require_own,
     stream_row,
     streams_of,
 )
@@ -201,7 +202,8 @@ class Ingest:
             which events of the epoch are there.
 
         Raises:
-            ProblemError: 404 no such session, 409 another has this number, 422 it is not as said, or no event.
+            ProblemError: 404 no such session, 409 another has this number, or another bench the session, 422 it is not
+                as said, or no event.
         """
         sent.require_sound()
         event = event_of(sent.body)
@@ -220,6 +222,8 @@ class Ingest:
             if found is not None and found != sent.sha256:
                 raise ProblemError(409, f"event {number} is another", "the one that is stored", "Begin another epoch")
             if found is None:
+                if event.kind == STARTED:
+                    require_own(connection, session, {event.stream}, epoch)
                 last = select(func.coalesce(func.max(events.c.arrival), 0)).where(events.c.session == session)
                 arrival = connection.execute(last).scalar_one() + 1
                 row = {"session": session, "epoch": epoch, "number": number, "arrival": arrival}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Column, ColumnElement, Connection, Row, func, select, update
 
 from daq.acquisition.blocks import Chunk
+from daq.bench.record import STARTED
 from daq.journal.rows import Event
 from daq.recordings.windows import Span
 from server.service.storage.checksums import sound
@@ -125,6 +126,26 @@ def stored_events(connection: Connection, session: str) -> list[Event]:
             expected[row.epoch] += 1
             out.append(event_of(body_of_event(row)))
     return out
+
+
+def require_own(connection: Connection, session: str, bench: Collection[str | None], epoch: str = "") -> None:
+    """Refuse a bench in a session that another bench began, or that has a document.
+
+    Args:
+        connection: of a transaction.
+        session: that is there.
+        bench: streams of the bench's journal, which keeps them also under another epoch.
+        epoch: of the journal.
+
+    Raises:
+        ProblemError: 409 it is another's.
+    """
+    described = connection.execute(select(sessions.c.document.is_not(None)).where(sessions.c.id == session)).scalar()
+    told = select(events).where((events.c.session == session) & events.c.body.contains(f'"{STARTED}"'))
+    happened = [(row.epoch, event_of(body_of_event(row))) for row in connection.execute(told)]
+    begun = [event.stream in bench or at == epoch for at, event in happened if event.kind == STARTED]
+    if described or (begun and not any(begun)):
+        raise ProblemError(409, f"session {session} is not this bench's", "a name of its own", "Give --session NAME")
 
 
 def body_of_event(row: Row[Any]) -> bytes:

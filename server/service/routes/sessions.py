@@ -56,10 +56,11 @@ ProposedId = Annotated[str, Path(max_length=100, description="Id of the proposed
 def create(body: NewSession, request: Request) -> JsonAnswer:
     """Begin a session: with its document, or empty where a bench will send its record.
 
-    The very same session again is a success (200). One that was deleted is brought back by its own document.
+    The very same session again is a success (200). One that was deleted is brought back by its own document. A bench is
+    refused where another bench, or a document, has the id (409).
     """
     parts = of(request)
-    new = parts.sessions.create(body.id, body.document) == "new"
+    new = parts.sessions.create(body.id, body.document, bench=body.bench) == "new"
     headers = {"Location": f"/api/v1/sessions/{body.id}"}
     return JsonAnswer(shown_session(parts, body.id), 201 if new else 200, headers)
 

@@ -29,6 +29,10 @@ class NewSession(Form):
             examples=[DOCUMENT],
         ),
     ] = None
+    bench: Annotated[
+        list[Name] | None,
+        Field(description="Streams of the journal of the bench that begins it; null for no bench."),
+    ] = None
 
 
 class SessionShown(Answered):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Literal
 
 from sqlalchemy import case, delete, exists, func, insert, select, update
@@ -12,7 +12,7 @@ from daq.errors import OutsideError
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
 from daq.uplink.wire import require_session_id
 from fingermodel.fingers.files import finger_from_dict
-from server.service.ingest.stored import raise_version
+from server.service.ingest.stored import raise_version, require_own
 from server.service.ingest.windows import Windows
 from server.service.sessions.planned import PLAN, edit_of, proposal
 from server.service.sessions.records import WINDOWS, EditKind, Record, is_closed, read_record, undone_edits
@@ -45,7 +45,14 @@ class Sessions:
     def __init__(self, database: Database, messages: Messages, fingers: frozenset[str], windows: Windows) -> None:
         self._database, self._messages, self.fingers, self._windows = database, messages, fingers, windows
 
-    def create(self, name: str, document: Mapping[str, Any] | None, *, arriving: bool = False) -> Begun:
+    def create(
+        self,
+        name: str,
+        document: Mapping[str, Any] | None,
+        *,
+        bench: Collection[str] | None = None,
+        arriving: bool = False,
+    ) -> Begun:
         """Begin a session; one that was deleted is brought back by its own document, with its edits and searches.
 
         Where readings alone came, and nothing tells what they are of, a document does from here on.
@@ -53,6 +60,7 @@ class Sessions:
         Args:
             name: its id.
             document: a bench-session/1 that is known already; None where a bench will send its record.
+            bench: streams of the journal of the bench that begins it; None where it is no bench.
             arriving: whether it is hidden until `arrive`, and gone where that never comes.
 
         Returns:
@@ -75,6 +83,8 @@ class Sessions:
                         "the end of that, or another id",
                         "Try again in a minute",
                     )
+                if bench is not None and row.deleted_utc is None:
+                    require_own(connection, name, bench)
                 alone = row.deleted_utc is None and read_record(connection, name).source == "none"
                 if kept is not None and alone and not arriving:
                     raise_version(connection, name, document=kept, specimen=kept["specimen"]["id"])

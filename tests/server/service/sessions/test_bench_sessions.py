@@ -10,6 +10,7 @@ import pytest
 
 from daq.bench.record import BenchSetup
 from daq.journal.reader import JournalReader
+from daq.journal.writer import Journal
 from daq.uplink.thread import Uplink
 from fingermodel.fingers.files import read_finger
 from server.service.answers import dumps
@@ -47,11 +48,15 @@ class Played:
     def send(self) -> None:
         """Send all that is in the journal, and let the service look at it."""
         assert self.bench.journal is not None
-        uplink = Uplink(self.bench.journal, "http://127.0.0.1", "S1", client=self.service.another(), begins=True)
+        uplink = self.uplink(self.bench.journal)
         uplink.start()
         assert uplink.flush(300.0), uplink.status()
         uplink.stop()
         assert self.service.parts.case_updates.settle(120.0)
+
+    def uplink(self, journal: Journal, bench: bool = True) -> Uplink:
+        client = self.service.another()
+        return Uplink(journal, "http://127.0.0.1", "S1", client=client, begins=True, bench=bench)
 
     def get(self, path: str) -> Any:
         return self.client.get(f"{AT}/S1{path}").json()
@@ -162,6 +167,55 @@ def test_a_bench_that_crashed_and_went_on_is_one_session(played: Played) -> None
     played.send()
     assert {c["id"]: c["state"] for c in played.get("/cases")["cases"]} == {"c001": "measured", "c002": "measured"}
     assert len(played.get("")["streams"]) == 1
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+def test_a_session_of_one_bench_is_not_taken_by_another(played: Played, tmp_path: Path, at_once: bool) -> None:
+    """Nor where both were begun before either had said so: then its first event is refused."""
+    before = played.get("")
+    (tmp_path / "other").mkdir()
+    other = journalled(tmp_path / "other", setup(specimen={**setup().specimen, "id": "P2"}))
+    assert other.journal is not None
+    uplink = played.uplink(other.journal, bench=not at_once)
+    for _ in range(8):
+        uplink.step()
+    status = uplink.status()
+    uplink.stop()
+    if at_once:
+        assert status.events_refused == 1
+    else:
+        refusal = "409 session S1 is not this bench's; expected a name of its own. Give --session NAME"
+        code, said = other.journal.alarms.get_nowait()
+        assert (code, refusal in said, status.barred, status.sent) == ("session_refused", True, True, 0)
+        assert played.get("") == before
+    assert (played.get("")["specimen"], played.get("")["stream"]) == ("P1", played.bench.stream)
+    other.journal.close()
+
+
+def test_a_bench_has_its_session_also_from_a_copy_of_its_journal(played: Played) -> None:
+    """Which is another history from there on."""
+    assert played.bench.journal is not None
+    epoch = played.bench.journal.epoch
+    played.bench.journal.close(played.folder / "copy.ftj")
+    played.bench.journal = Journal.open(played.folder / "copy.ftj", 0)
+    assert played.bench.journal.epoch != epoch
+    played.send()
+    assert played.get("")["specimen"] == "P1"
+
+
+def test_a_bench_takes_no_session_that_has_a_document(tmp_path: Path) -> None:
+    service = ServiceReceiver(tmp_path / "service")
+    document = setup().header() | {"cases": [{"id": "c001", "role": "identification", "posture": "hook",
+        "location": "tip", "masses_g": {"FDP": 950.0}, "force_N": [0.0, 0.0, 0.0]}]}  # fmt: skip
+    service.client().post(AT, json={"id": "S1", "document": document}).raise_for_status()
+    bench = journalled(tmp_path)
+    assert bench.journal is not None
+    uplink = Uplink(bench.journal, "http://127.0.0.1", "S1", client=service.another(), begins=True, bench=True)
+    uplink.step()
+    assert uplink.status().barred
+    uplink.stop()
+    bench.journal.close()
+    service.close()
 
 
 def test_everything_that_the_bench_wrote_is_at_the_service_once(played: Played) -> None:
