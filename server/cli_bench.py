@@ -47,7 +47,12 @@ def log(
             metavar="FILE", help="Read specimen, finger, mounts and known weight from this file (bench-setup/1)."
         ),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a bench session that broke off.")] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume", help="Go on with a bench session that broke off, or send (--to) the rest of one that ended."
+        ),
+    ] = False,
     model: ModelOption = None,
     to: ServiceOption = None,
     session: Annotated[
@@ -72,7 +77,7 @@ def log(
     options = LogOptions(
         driver, port, baud, settings, out, seconds, given, protocol, setup, model, to, session, resume, copy_to
     )
-    log_cell(options, json).require_taken()
+    log_cell(options, json).require_whole()
 
 
 @app.command(rich_help_panel=BENCH)

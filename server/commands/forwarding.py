@@ -28,22 +28,77 @@ class Delivery:
     """How forwarding ended."""
 
     to: str | None  # address of the service; None where nothing is sent
+    again: str = ""  # what sends the rest, where the log's own end is to name it
     journal: Path | None = None  # that was sent
     whole: bool = True  # everything is there
     refused: int = 0  # chunks that the service did not take
+    barred: bool = False  # whether the service does not take the session under this name
 
-    def require_taken(self) -> None:
-        """Make sure that the service refused nothing; what waits is sent by the next log.
+    @property
+    def remedy(self) -> str:
+        """What sends what is not at the service yet."""
+        return f"{self.again} {'and another --session NAME ' * self.barred}sends the rest"
+
+    def require_whole(self) -> None:
+        """Make sure that all is at the service.
 
         Raises:
-            InputError: it did; all is in the journal.
+            InputError: it is not; all is in the journal.
         """
-        if self.refused and self.journal:
+        if self.whole or not self.journal:
+            return
+        if self.refused:
             raise InputError(
                 f"{self.to} refused {counted(self.refused, 'chunk')}",
                 "a service that takes them",
                 f"They stay in {self.journal}; fingertwin journal requeue {quoted(self.journal)} has them sent again",
             )
+        raise InputError(f"not all of {self.journal} is at {self.to}", "a service that takes it", self.remedy)
+
+
+@contextmanager
+def sending(
+    delivery: Delivery,
+    session: str,
+    journal: Journal,
+    said: Callable[[str], None],
+    document: Mapping[str, Any] | None = None,
+    *,
+    bench: bool = False,
+    begun: Callable[[], None] = lambda: None,
+) -> Iterator[None]:
+    """Send a journal to a service while the block runs, and on as long as any of it goes; without an address, nothing.
+
+    Args:
+        delivery: has the address of the service, and is told how it went.
+        session: there.
+        journal: that is sent.
+        said: takes a line about how it went.
+        document: of the session, where it is known beforehand; else the journal's events are its record.
+        bench: whether these are a bench's, which takes no session of another's.
+        begun: called once the session may be sent to.
+
+    Raises:
+        InputError: the address is none.
+    """
+    to = delivery.to
+    if to is None:
+        yield
+        return
+    token = os.environ.get(TOKEN)
+    uplink = Uplink(journal, to, session, token=token, begins=True, document=document, bench=bench, begun=begun)
+    uplink.start()
+    try:
+        yield
+    finally:
+        sent, whole = -1, False
+        while not whole and (status := uplink.status()).sent > sent:
+            sent, whole = status.sent, uplink.flush(FLUSH_S)
+        status = uplink.status()
+        uplink.stop()
+        delivery.journal, delivery.refused, delivery.barred = journal.path, status.quarantined, status.barred
+        delivery.whole = whole and not status.quarantined
+        said(_worded(delivery, status, whole))
 
 
 @contextmanager
@@ -58,47 +113,39 @@ def forwarding(
     *,
     bench: bool = False,
 ) -> Iterator[LiveTail | None]:
-    """Send a journal to a service while the block runs, and yield its live path; without an address, nothing.
+    """Send a journal that is written as `sending` does, and yield its live path; without an address, nothing.
 
     Args:
         delivery: has the address of the service, and is told how it went.
-        session: there.
+        session: there; the live path is shown once it is begun.
         journal: that is written.
         stream: of the acquisition.
         acquisition: whose samples are shown live.
         said: takes a line about how it went.
-        document: of the session, where it is known beforehand; else the journal's events are its record.
-        bench: whether these are a bench's, which takes no session of another's, and shows nothing there.
+        document: of the session, where it is known beforehand.
+        bench: whether these are a bench's.
 
     Raises:
         InputError: the address is none.
     """
-    to = delivery.to
-    if to is None:
+    if delivery.to is None:
         yield None
         return
-    token = os.environ.get(TOKEN)
-    tail = LiveTail(to, session, token=token)
-    uplink = Uplink(journal, to, session, token=token, begins=True, document=document, bench=bench, begun=tail.start)
-    acquisition.live = lambda t_s, samples: tail.offer(stream, t_s, samples.wrench, samples.overload)
-    uplink.start()
-    try:
-        yield tail
-    finally:
-        acquisition.live = None
-        tail.stop()
-        whole = uplink.flush(FLUSH_S)
-        status = uplink.status()
-        uplink.stop()
-        said(_worded(to, status, whole))
-        delivery.journal, delivery.refused = journal.path, status.quarantined
-        delivery.whole = whole and not status.quarantined
+    tail = LiveTail(delivery.to, session, token=os.environ.get(TOKEN))
+    with sending(delivery, session, journal, said, document, bench=bench, begun=tail.start):
+        acquisition.live = lambda t_s, samples: tail.offer(stream, t_s, samples.wrench, samples.overload)
+        try:
+            yield tail
+        finally:
+            acquisition.live = None
+            tail.stop()
 
 
-def _worded(to: str, status: UplinkStatus, whole: bool) -> str:
-    if whole and not status.quarantined:
-        return f"All is at {to} ({counted(status.sent, 'chunk')})."
+def _worded(delivery: Delivery, status: UplinkStatus, whole: bool) -> str:
+    if delivery.whole:
+        return f"All is at {delivery.to} ({counted(status.sent, 'chunk')})."
     aside = [] if whole else ["the rest waits in the journal"]
     aside += [f"{counted(status.quarantined, 'chunk')} refused and kept in the journal"] if status.quarantined else []
     why = f" ({status.problem})" if status.problem else ""
-    return f"Not all is at {to}{why}: {counted(status.sent, 'chunk')} sent, {', '.join(aside)}."
+    sent = f"Not all is at {delivery.to}{why}: {counted(status.sent, 'chunk')} sent, {', '.join(aside)}."
+    return sent if whole or not delivery.again else f"{sent} {delivery.remedy}."

@@ -113,6 +113,8 @@ def _log_alone(
         )
     with acquiring(acquisition, out, options.seconds, closed) as journal:
         logging, delivery = Logging(journal, cell, about, quiet=json == "-"), Delivery(options.to)
+        if command == "log":
+            delivery.again = f"The next log into {quoted(out)} with --to"
         with forwarding(
             delivery, options.session_name, journal, logging.stream, acquisition, logging.say, options.document
         ):
@@ -296,15 +298,17 @@ def replay_session(
         # What goes to a service needs no folder of its own.
         target = out or (_free_folder(name) if to is None else Path(folder) / "replay")
         options = LogOptions("replay", port, None, settings, target, None, to=to, session=name, document=document)
-        if log_cell(replace(options, passing=out is None and to is not None), json, "replay").whole:
+        delivery = log_cell(replace(options, passing=out is None and to is not None), json, "replay")
+        if delivery.whole:
             return
         kept = target if out is not None else _kept(target, name)
+        # By the recording's own name: with a session's readings goes its description.
+        again = f"fingertwin replay {quoted(recording)} --to {to} --session"
+        again += " NAME sends all under another name" if delivery.barred else f" {name} sends all again"
         raise InputError(
             f"not all of {name} is at {to}",
             "a service that answers and takes it",
-            # By the recording's own name: with a session's readings goes its description.
-            f"The readings are in {kept}; "
-            f"fingertwin replay {quoted(recording)} --to {to} --session {name} sends all again",
+            f"The readings are in {kept}; {again}",
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from daq.bench.run import BenchRun
 from daq.errors import InputError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
+from daq.journal.writer import Journal
 from daq.quoting import counted, quoted
 from daq.sessions import JOURNAL_FILE, own_finger, read_yaml
 from daq.sessions.protocols import read_protocol
@@ -24,13 +25,12 @@ from server.bench.meter import StreamMeter
 from server.bench.remote import Remote, joined
 from server.bench.view import LineView, LiveView
 from server.commands.console import answer, at_terminal, progress, say
-from server.commands.forwarding import Delivery, forwarding
+from server.commands.forwarding import Delivery, forwarding, sending
 from server.commands.log_parts import LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
     from daq.acquisition.acquire import Acquisition
     from daq.drivers.base import LoadCell
-    from daq.journal.writer import Journal
     from daq.sessions.models import Session
     from server.commands.closing_copy import Closed
 
@@ -54,6 +54,8 @@ def log_bench(
 ) -> Delivery:
     """Follow a protocol, and write the session that comes of it, also from where one broke off; return what was sent.
 
+    Of a session that is over, what the service does not have yet is sent: the load cell is not asked for.
+
     Raises:
         InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed.
         KeyboardInterrupt: it broke off before the session was closed; nothing is written, so that it can go on.
@@ -61,27 +63,32 @@ def log_bench(
     setup, out = bench_setup(options, cell), options.out
     if out is None:
         raise InputError("no --out", "the folder that the session goes to")
-    if (out / "session.yaml").exists():
+    over = (out / "session.yaml").exists()
+    if over and not (options.resume and options.to):
         found = f"{out.name} has a session already" + ", so nothing broke off" * options.resume
         raise SessionError(found, "a new folder for each session", "Choose another --out")
     setup.require_sound()
     about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
-    before, delivery = _broken_off(out, options.resume), Delivery(options.to)
+    before, delivery = _broken_off(out, options.resume), Delivery(options.to, "The same command with --resume")
     if before is not None:
         cell.go_on(before.stream.settings)
         told = {"driver": cell.name, "settings": dict(cell.values), "cell": about, "clock": cell.clock}
         before.require_same(setup, told)
-    if before is not None and before.record.closed:
-        with JournalReader.open(out / JOURNAL_FILE) as journal:
-            stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
-        closed.path, left = out / JOURNAL_FILE, ""
+    if before is not None and (over or before.record.closed):
+        closed.path, stream, cases, left = out / JOURNAL_FILE, before.stream.id, len(before.record.cases), ""
+        with closing(Journal.open(closed.path)) as journal:
+            if not over:
+                write_bench_session(journal, out, stream)
+            with sending(delivery, options.session_name, journal, say, bench=True):
+                pass
     else:
         by_keys = at_terminal(json)
         stream, session, left = _follow(options, setup, acquisition, closed, about, before, delivery, by_keys=by_keys)
-    body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
+        cases = len(session.cases)
+    body = {"session": str(out), "cases": cases, "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
         where = quoted(out)
-        done = f"{counted(len(session.cases), 'load case')}{left}"
+        done = f"{counted(cases, 'load case')}{left}"
         say(f"{done}: {out}   (fingertwin check {where}, fingertwin compare {where})")
     return delivery
 

@@ -18,6 +18,7 @@ from daq.journal.reader import JournalReader
 from daq.recordings.readings import ReadingBlock, write_readings
 from daq.sessions import read_session
 from daq.signals.corrections import measure
+from tests.contracts.ingest import SmallReceiver, serving
 from tests.server.test_log_cli import played, run
 
 PROTOCOL = {
@@ -226,6 +227,23 @@ def test_a_session_that_was_closed_and_not_written_is_written(
     assert code == 0, err
     assert "1 load case:" in text
     assert Path("out/session.yaml").read_text() == written
+    # Nor is it where the service was away until the session was closed, or is still.
+    with monkeypatch.context() as impatient:
+        impatient.setattr("server.commands.forwarding.FLUSH_S", 0.3)
+        code, text, err = run(capsys, impatient, *bench, "--resume", "--to", "http://127.0.0.1:9")
+    assert (code, err.count("\n"), err.count("The same command with --resume sends the rest")) == (2, 1, 1)
+    assert "Not all is at http://127.0.0.1:9 (no answer" in text
+    assert "the rest waits in the journal. The same command with --resume sends the rest.\n" in text
+    receiver = SmallReceiver(Path("received.sqlite3"))
+    with serving(receiver.handle) as address:
+        sent = [*bench, "--resume", "--to", address, "--session", receiver.new_session("day")]
+        code, text, err = run(capsys, monkeypatch, *sent)
+    assert (code, f"All is at {address}" in text) == (0, True), err
+    with JournalReader.open("out/journal.sqlite3") as journal:
+        [stream] = journal.streams()
+        assert len(receiver.stored("day", stream.id)) == sum(1 for _ in journal.read(stream.id))
+    assert receiver.events("day")[-1]["kind"] == "ended"
+    receiver.close()
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 
@@ -82,3 +83,29 @@ def test_a_service_that_is_not_there_fails_in_one_line_and_loses_nothing(
     code, text, _ = run(capsys, monkeypatch, "journal", "check", str(out / "journal.sqlite3"))
     assert code == 0
     assert "1 chunk waits to be sent" in text
+
+
+def test_a_log_that_is_not_all_sent_says_what_sends_the_rest(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("server.commands.forwarding.FLUSH_S", 0.3)
+    out = recording.parent / "kept"
+    logged = ["log", "--driver", "replay", "--port", str(recording), "--set", "speed=0", "--out", str(out)]
+    code, text, err = run(capsys, monkeypatch, *logged, "--to", "http://127.0.0.1:9")
+    assert (code, err.count("\n")) == (2, 1)
+    remedy = f"The next log into {out} with --to sends the rest."
+    assert remedy in text
+    assert remedy in err
+    assert "3000 readings" in text
+
+
+def test_a_replay_to_a_session_that_is_another_is_told_to_take_another_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("server.commands.forwarding.FLUSH_S", 0.3)
+    problem = {"detail": "session DEV-01 is there, and differs; expected another id"}
+    with serving(lambda _: httpx.Response(409, json=problem)) as address:
+        code, text, err = run(capsys, monkeypatch, "replay", "DEV-01", "--to", address, "--out", str(tmp_path / "kept"))
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"fingertwin replay DEV-01 --to {address} --session NAME sends all under another name" in err
+    assert f"409 {problem['detail']}" in text
