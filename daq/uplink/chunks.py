@@ -110,7 +110,7 @@ class ChunkFeed:
             if self._sending is not None and self._sending.stream == stream:
                 self._sending = None  # to be set aside with the others
         else:
-            self._turned_away(response)
+            self.turned_away(response)
             return
         self._to_describe.remove(stream)
 
@@ -127,7 +127,7 @@ class ChunkFeed:
             # It may have forgotten the stream.
             if stream not in self._to_describe:
                 self._to_describe.append(stream)
-            self._turned_away(response)
+            self.turned_away(response)
             return None
         self._works()
         return cursor
@@ -299,6 +299,8 @@ class ChunkFeed:
 
     def _set_aside(self, stream: str, first_seq: int, count: int, reason: str) -> None:
         self._journal.quarantined(stream, first_seq, reason)
+        if not self.quarantined:
+            self._journal.alarms.put(("quarantined", f"readings from {first_seq} on are only kept here: {reason}"))
         self.quarantined += 1
         self._aside.add((stream, first_seq))
         self._give_up(stream, first_seq, _end(first_seq, count))
@@ -307,13 +309,14 @@ class ChunkFeed:
         self._without.setdefault(stream, []).append((begin, end))
         self._lacking[stream] = without(self._lacking.get(stream, []), [(begin, end)])
 
-    def _turned_away(self, response: httpx.Response) -> None:
-        """Back off from a service that wants nothing from here: a token that ran out, a session that is not there."""
+    def turned_away(self, response: httpx.Response) -> None:
+        """Say that a service wants nothing from here, as where a token ran out or a session has gone, and back off."""
         text = said(response)
         self._link.back_off(text)
         if text != self._alarm:
             self._alarm = text
             self._journal.event(Event("uplink_refused", 0.0, {"reason": text}))
+            self._journal.alarms.put(("uplink_refused", f"session {self._session} takes nothing: {text}"))
 
     def _works(self) -> None:
         self._link.works()

@@ -130,6 +130,8 @@ class EventFeed:
             return
         if not response.is_success:
             if response.status_code in _BAD and number in self._doubted:
+                if not self._refused:
+                    self._journal.alarms.put(("event_refused", f"event {number} is only kept here: {said(response)}"))
                 self._refused.add(number)
                 self._queue.popleft()
             elif response.status_code in _BAD:

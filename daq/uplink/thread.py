@@ -207,7 +207,7 @@ class Uplink:
         if response is None:
             return
         if response.status_code in (401, 403):
-            self._link.back_off(said(response))
+            self._chunks.turned_away(response)
             return
         if response.status_code == 409 and (self._bench or self._document is not None):
             # Readings of one session must not go to another of its name.

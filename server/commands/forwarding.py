@@ -97,7 +97,7 @@ def sending(
         status = uplink.status()
         uplink.stop()
         delivery.journal, delivery.refused, delivery.barred = journal.path, status.quarantined, status.barred
-        delivery.whole = whole and not status.quarantined
+        delivery.whole = whole and not status.quarantined and not status.events_refused
         said(_worded(delivery, status, whole))
 
 
@@ -145,7 +145,8 @@ def _worded(delivery: Delivery, status: UplinkStatus, whole: bool) -> str:
     if delivery.whole:
         return f"All is at {delivery.to} ({counted(status.sent, 'chunk')})."
     aside = [] if whole else ["the rest waits in the journal"]
-    aside += [f"{counted(status.quarantined, 'chunk')} refused and kept in the journal"] if status.quarantined else []
+    refused = counted(status.quarantined, "chunk") if status.quarantined else counted(status.events_refused, "event")
+    aside += [f"{refused} refused and kept in the journal"] if status.quarantined or status.events_refused else []
     why = f" ({status.problem})" if status.problem else ""
     sent = f"Not all is at {delivery.to}{why}: {counted(status.sent, 'chunk')} sent, {', '.join(aside)}."
     return sent if whole or not delivery.again else f"{sent} {delivery.remedy}."

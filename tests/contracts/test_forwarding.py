@@ -96,6 +96,8 @@ def test_a_chunk_that_alone_is_refused_is_set_aside_with_an_alarm(bench: Bench, 
     assert [(e.stream, dict(e.value)) for e in alarm] == [
         (stream, {"first_seq": 40, "reason": f"the service says {status} why"})
     ]
+    code, said = bench.journal.alarms.get_nowait()
+    assert (code, f"the service says {status} why" in said, bench.journal.alarms.empty()) == ("quarantined", True, True)
     # It stays here, and is not sent again when the service is asked what it lacks.
     assert len(list(bench.journal.read(stream))) == 3
     bench.kill()
@@ -133,6 +135,9 @@ def test_a_bench_that_is_turned_away_sets_nothing_aside_says_so_once_and_comes_b
     assert [e.value["reason"] for e in bench.journal.events() if e.kind == "uplink_refused"] == [
         "the service says 401 no token"
     ]
+    told = f"session {bench.session} takes nothing: the service says 401 no token"
+    assert bench.journal.alarms.get_nowait() == ("uplink_refused", told)
+    assert bench.journal.alarms.empty()
     status = 200
     bench.settle()
     assert joined(bench.at_receiver(stream)) == joined([made(i * 40, 40) for i in range(3)])

@@ -52,6 +52,17 @@ class Benches:
         """Return whether a connection is the latest of its session."""
         return self._connected.get(bench.session) is bench
 
+    def require_free(self, session: str) -> None:
+        """Make sure that nothing is logged into a session now.
+
+        Raises:
+            ProblemError: 409 a bench is connected.
+        """
+        if session in self._connected:
+            raise ProblemError(
+                409, f"session {session} is held by a bench", "a bench that has ended", "End it there (fingertwin log)"
+            )
+
     def leave(self, bench: Bench) -> None:
         """Forget a bench that has gone, and tell those who watch it."""
         for future in bench.asked.values():

@@ -91,8 +91,10 @@ def document(session: SessionId, request: Request) -> JsonAnswer:
 
 @kept.delete("/{session}", status_code=204, responses=documented(Shown, status=422))
 def delete(session: SessionId, request: Request) -> Response:
-    """Hide a session. What it holds is kept until a purge; its own document, sent again, brings it back."""
-    of(request).sessions.delete(session)
+    """Hide a session that no bench holds. What it holds is kept until a purge; its own document brings it back."""
+    parts = of(request)
+    parts.live.benches.require_free(session)
+    parts.sessions.delete(session)
     return Response(status_code=204)
 
 

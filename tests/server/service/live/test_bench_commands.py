@@ -123,6 +123,8 @@ def test_a_bench_does_what_it_is_asked_elsewhere_and_says_what_it_refuses(served
         assert "no bench of session S1 is connected" in nobody.json()["detail"]
         running = Running(tmp_path, served.address())
         until(lambda: connected(client))
+        held = client.delete(AT)
+        assert (held.status_code, held.json()["found"]) == (409, "session S1 is held by a bench")
         refused = asked(client, "confirm")
         assert refused.status_code == 409
         assert "plateau" in refused.json()["detail"]

@@ -183,6 +183,7 @@ def test_a_session_of_one_bench_is_not_taken_by_another(played: Played, tmp_path
     uplink.stop()
     if at_once:
         assert status.events_refused == 1
+        assert other.journal.alarms.get_nowait()[0] == "event_refused"
     else:
         refusal = "409 session S1 is not this bench's; expected a name of its own. Give --session NAME"
         code, said = other.journal.alarms.get_nowait()
