@@ -88,17 +88,19 @@ def sending(
     token = os.environ.get(TOKEN)
     uplink = Uplink(journal, to, session, token=token, begins=True, document=document, bench=bench, begun=begun)
     uplink.start()
+    broke_off = True
     try:
         yield
+        broke_off = False
     finally:
-        sent, whole = -1, False
-        while not whole and (status := uplink.status()).sent > sent:
+        sent, whole = uplink.status().sent, uplink.flush(FLUSH_S)
+        while not (whole or broke_off) and (status := uplink.status()).sent > sent:
             sent, whole = status.sent, uplink.flush(FLUSH_S)
         status = uplink.status()
         uplink.stop()
         delivery.journal, delivery.refused, delivery.barred = journal.path, status.quarantined, status.barred
         delivery.whole = whole and not status.quarantined and not status.events_refused
-        said(_worded(delivery, status, whole))
+        said(_worded(delivery, status, whole, "All so far" if broke_off else "All"))
 
 
 @contextmanager
@@ -141,9 +143,9 @@ def forwarding(
             tail.stop()
 
 
-def _worded(delivery: Delivery, status: UplinkStatus, whole: bool) -> str:
+def _worded(delivery: Delivery, status: UplinkStatus, whole: bool, all_of_it: str) -> str:
     if delivery.whole:
-        return f"All is at {delivery.to} ({counted(status.sent, 'chunk')})."
+        return f"{all_of_it} is at {delivery.to} ({counted(status.sent, 'chunk')})."
     aside = [] if whole else ["the rest waits in the journal"]
     refused = counted(status.quarantined, "chunk") if status.quarantined else counted(status.events_refused, "event")
     aside += [f"{refused} refused and kept in the journal"] if status.quarantined or status.events_refused else []

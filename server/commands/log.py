@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import tempfile
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -118,7 +120,7 @@ def _log_alone(
         with forwarding(
             delivery, options.session_name, journal, logging.stream, acquisition, logging.say, options.document
         ):
-            told = logging.run(acquisition)
+            told = logging.run(acquisition, to_its_end=command == "replay")
     # A journal that only passes through lies elsewhere, or nowhere, once this has ended.
     body = {"driver": cell.name, "journal": None if options.passing else str(journal.path), **told}
     if not answer(command, body, json):
@@ -170,16 +172,22 @@ class Logging:
         self._undecoded_bytes, self._undecoded = 0, b""
         self._warned = False
 
-    def run(self, acquisition: Acquisition) -> dict[str, Any]:
+    def run(self, acquisition: Acquisition, *, to_its_end: bool = False) -> dict[str, Any]:
         """Write until the stream ends; Ctrl-C or another such signal ends it, and what was read until then is written.
+
+        Args:
+            acquisition: that is started.
+            to_its_end: whether a signal breaks it off instead: then nothing says that the stream has ended.
 
         Raises:
             JournalError: the disk is full; all that was acknowledged is kept.
-            KeyboardInterrupt: Ctrl-C was pressed again before that was done.
+            KeyboardInterrupt: it was broken off, or Ctrl-C was pressed again before that was done.
         """
         with ended_by_signals(acquisition.stop) as self._told:
             try:
                 for record in acquisition.records():
+                    if to_its_end and self._told.come:
+                        raise KeyboardInterrupt
                     self._keep(record)
             except JournalError:
                 acquisition.stop()
@@ -276,6 +284,7 @@ def replay_session(
 
     Raises:
         InputError: the recording, the speed or the address cannot be used.
+        KeyboardInterrupt: it was broken off; the session at the service waits for the rest.
     """
     port, document = recording, None
     name = session or Path(recording).stem
@@ -298,7 +307,12 @@ def replay_session(
         # What goes to a service needs no folder of its own.
         target = out or (_free_folder(name) if to is None else Path(folder) / "replay")
         options = LogOptions("replay", port, None, settings, target, None, to=to, session=name, document=document)
-        delivery = log_cell(replace(options, passing=out is None and to is not None), json, "replay")
+        try:
+            delivery = log_cell(replace(options, passing=out is None and to is not None), json, "replay")
+        except KeyboardInterrupt:
+            with suppress(OSError):  # the terminal may be gone
+                sys.stderr.write(f"fingertwin: not all of {name} was replayed; the same command replays all of it\n")
+            raise
         if delivery.whole:
             return
         kept = target if out is not None else _kept(target, name)

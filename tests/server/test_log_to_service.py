@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import threading
 from pathlib import Path
 
 import httpx
@@ -109,3 +111,30 @@ def test_a_replay_to_a_session_that_is_another_is_told_to_take_another_name(
     assert (code, err.count("\n")) == (2, 1)
     assert f"fingertwin replay DEV-01 --to {address} --session NAME sends all under another name" in err
     assert f"409 {problem['detail']}" in text
+
+
+def test_a_replay_that_ctrl_c_breaks_off_is_not_said_to_have_ended(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    receiver = SmallReceiver(recording.parent / "received.sqlite3")
+    session = receiver.new_session("monday-2")
+
+    pressed = threading.Event()
+
+    def interrupting(request: httpx.Request) -> httpx.Response:
+        answer = receiver.handle(request)
+        if "/chunks/" in request.url.path and not pressed.is_set():
+            pressed.set()
+            signal.raise_signal(signal.SIGINT)
+        return answer
+
+    with serving(interrupting) as address:
+        arguments = ["replay", str(recording), "--to", address, "--session", session, "--speed", "10"]
+        code, text, err = run(capsys, monkeypatch, *arguments)
+        assert (code, "All so far is at" in text, "All is at" in text) == (130, True, False)
+        assert "not all of monday-2 was replayed; the same command replays all of it\n" in err
+        assert "ended" not in {e["kind"] for e in receiver.events(session)}
+        arguments[-1] = "max"
+        assert run(capsys, monkeypatch, *arguments)[0] == 0
+    assert [e["kind"] for e in receiver.events(session)].count("ended") == 1
+    receiver.close()
