@@ -17,14 +17,14 @@ ENDS_A_TARE = ("set_posture", "move_cell", "retie", "slip")
 
 
 def window_findings(session: Session, scan: RecordingScan) -> list[Finding]:
-    """Find windows that hold a gap."""
-    out = []
+    """Find windows that hold a gap; a window may begin and end between two readings."""
+    out, apart_s = [], scan.interval_s
     for case in session.cases:
         if case.excluded is not None:
             continue
         for name, window in case.windows():
             where = f"{case_name(case)}: {name}"
-            gap = next((g for g in scan.gaps if g[0] < window[1] and g[1] > window[0]), None)
+            gap = next((g for g in scan.gaps if g[0] + apart_s < window[1] and g[1] - apart_s > window[0]), None)
             if gap is not None:
                 out.append(
                     finding(

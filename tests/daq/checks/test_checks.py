@@ -256,6 +256,19 @@ def test_one_wild_reading_is_named_and_is_no_change_of_level(tmp_path: Path) -> 
     assert f"Fx_N at {sum(window(1)) / 2.0:.3g}" in found.text
 
 
+@pytest.mark.parametrize(("over_s", "said"), [(0.005, False), (0.05, True)])
+def test_a_window_that_ends_between_two_readings_holds_no_gap(over_s: float, said: bool, tmp_path: Path) -> None:
+    """The bench takes windows that reach half an interval beyond their first and last readings."""
+    start, end = window(1)
+
+    def alone(data: dict[str, Any], b: ReadingBlock) -> Blocks:
+        data["cases"][0]["loaded_s"] = [start - over_s, end + over_s]
+        near = (b.t_s > start - 0.4) & (b.t_s < end + 0.4)
+        return cut(b, ~near | ((b.t_s > start - 0.001) & (b.t_s < end + 0.001)))
+
+    assert ("gap_in_window" in codes(examined(tmp_path, alone))) == said
+
+
 def test_status_bits_of_gauges_are_told_where_no_manual_tells_them(tmp_path: Path) -> None:
     [found] = [f for f in examined(tmp_path, flag).findings if f.code == "status_flags"]
     assert "Of gauge volts, bit 0 is gauge 1 at the end of its range" in found.text
