@@ -221,7 +221,8 @@ class Sessions:
             its number.
 
         Raises:
-            ProblemError: 404 no such session, case or edit; 409 it is undone already, or the bench is still running.
+            ProblemError: 404 no such session, case or edit; 409 it is undone already, or the bench is still running;
+                422 the case is excluded, or included, already.
             InputError: the session could not be used with it.
         """
         require_sizes(body)
@@ -295,6 +296,8 @@ class Sessions:
                 "an exclusion at the bench, before predictions are seen",
                 "Exclude the case at the bench, or wait until the bench has closed the session",
             )
+        if kind in ("exclude", "include"):
+            _require_changed(record, kind, str(case))
 
     def _require_within(self, before: Record, after: Record) -> None:
         """Refuse windows that an edit brings and that lie outside the recording: no case could be compared then.
@@ -338,6 +341,16 @@ class Sessions:
                 "Add the finger's document, or name a finger of GET /api/v1/fingers",
             )
         return plain_document(session)
+
+
+def _require_changed(record: Record, kind: str, case: str) -> None:
+    """Refuse to leave out what is left out, and to take in what is not: its undo would seem without effect."""
+    entry = next(c for c in record.cases if c["id"] == case)
+    why = entry.get("excluded")
+    if kind == "exclude" and why is not None:
+        raise ProblemError(422, f"{case} is excluded already ({shortened(why)})", "another case", "Include it first")
+    if kind == "include" and why is None:
+        raise ProblemError(422, f"{case} is not excluded", "a case that is", "Undo its amendment if that leaves it out")
 
 
 def _fingerprint(document: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -128,3 +128,15 @@ def test_an_amendment_that_cannot_be_changes_nothing(
     answer = service.client().post(f"{path}/cases/{case}/amend", json=body)
     assert answer.status_code == status
     assert service.client().get(f"{path}/edits").json()["edits"] == []
+
+
+def test_a_case_is_left_out_and_taken_in_once(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    client.post(AT, json={"id": "S1", "document": small()}).raise_for_status()
+    case = f"{AT}/S1/cases/{small()['cases'][0]['id']}"
+    steps = [("include", {}), ("exclude", {"reason": "slipped"}), ("exclude", {"reason": "slipped"}), ("include", {})]
+    answers = [client.post(f"{case}/{change}", json=body) for change, body in steps]
+    assert [a.status_code for a in answers] == [422, 200, 422, 200]
+    assert answers[0].json()["found"].endswith("is not excluded")
+    assert answers[2].json()["found"].endswith("is excluded already (slipped)")
+    assert [e["kind"] for e in client.get(f"{AT}/S1/edits").json()["edits"]] == ["exclude", "include"]
