@@ -7,8 +7,9 @@ from pathlib import Path
 from fingermodel.session import Session
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
-from server.application.provenance import provenance
+from server.application.provenance import provenance, told_first
 from server.commands.console import answer, progress, say, table
+from server.commands.twin import say_first
 from server.figures.inversion import inversion_report
 
 
@@ -26,10 +27,11 @@ def invert_session(session: str, closure: str, model: str | None, figures: Path 
     name, about = bench.measured.session.id, provenance(bench)
     body = about | inversion.as_dict() | {"figures": None}
     if figures is not None:
-        title = f"Forces behind the tip forces: {name}"
-        body["figures"] = str(inversion_report(figures, inversion, title, bench.loaded.name, about["notes"]))
+        title, first = f"Forces behind the tip forces: {name}", told_first(about)
+        body["figures"] = str(inversion_report(figures, inversion, title, bench.loaded.name, about["notes"], first))
     if answer("invert", body, json):
         return
+    say_first(body)
     table(
         "Assigned less hung, over all cases",
         ["muscle", "stands for", "RMS [N]", "within 2 sd", "asked to push", "beyond 2 sd"],

@@ -15,6 +15,7 @@ from server.figures import graph_objects as go
 from server.figures import marks
 from server.figures.plot import Plot
 from server.figures.report import Section, Table, write_report
+from server.figures.report_front import read_first
 from server.figures.sheet import Sheet, shape
 from server.figures.style import (
     BAND,
@@ -103,7 +104,14 @@ def inversion_plots(inversion: Inversion) -> list[Plot]:
     ]
 
 
-def inversion_report(folder: Path, inversion: Inversion, title: str, model: str, notes: Sequence[str] = ()) -> Path:
+def inversion_report(
+    folder: Path,
+    inversion: Inversion,
+    title: str,
+    model: str,
+    notes: Sequence[str] = (),
+    first: Sequence[str] = (),
+) -> Path:
     """Write `inversion.html`, and every figure as PNG and SVG; return the page.
 
     Args:
@@ -112,6 +120,7 @@ def inversion_report(folder: Path, inversion: Inversion, title: str, model: str,
         title: of the page.
         model: its name, for the line below.
         notes: further sentences for the beginning.
+        first: what has to be known before it.
     """
     plots = inversion_plots(inversion)
     muscles = Table(
@@ -129,6 +138,7 @@ def inversion_report(folder: Path, inversion: Inversion, title: str, model: str,
         ],
     )
     sections = [
+        *read_first(first),
         Section("Summary", [*inversion.verdicts(), muscles, *inversion.notes, *notes]),
         *(Section(p.heading, [p]) for p in plots),
         Section("Load cases", [_case_table(inversion)]),

@@ -62,6 +62,20 @@ def test_the_table_says_what_hung_and_who_would_push() -> None:
     assert "The closure asks PF to push" in answer.out
 
 
+def test_what_the_check_found_and_what_was_left_out_stands_above_the_forces(tmp_path: Path) -> None:
+    def turned(document: Document) -> None:
+        for case in document["cases"]:
+            case["force_N"] = [-f for f in case["force_N"]]
+        document["cases"][0]["excluded"] = "the suture slipped"
+
+    answer = run("invert", altered(tmp_path, turned), "--closure", "least_squares", "--figures", tmp_path / "out")
+    first = answer.out[: answer.out.index("Assigned less hung")]
+    assert "Warning: load_cell.mounts.tip: " in first
+    assert ": the suture slipped\n" in first
+    page = (tmp_path / "out" / "inversion.html").read_text(encoding="utf-8")
+    assert page.index("Before you read on") < page.index("Summary")
+
+
 def test_a_session_without_moments_is_refused_in_one_line() -> None:
     refused(
         "invert",

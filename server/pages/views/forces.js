@@ -3,6 +3,7 @@ import { at, get } from "../api.js";
 import { el, fill, keep, panel, problem, quiet, table } from "../dom.js";
 import { masses, number, within, words } from "../format.js";
 import { figuresOf, theme } from "../plot.js";
+import { before } from "./answer.js";
 import { models } from "./models.js";
 
 const CLOSURES = [["chao", "the hood's sharing laws"], ["minimal", "four muscles, no hood"], ["least_squares", "least stress, any tendon"]];
@@ -41,6 +42,7 @@ function shown(body, ask, session, signal) {
   const force = (f) => [within(f.force_N, f.sd_N), f.hung_N ? ` (${number(f.hung_N, 1)})` : ""].join("");
   const href = (c) => `#/sessions/${encodeURIComponent(session)}/compare?case=${encodeURIComponent(c.id)}`;
   return [
+    before(body),
     panel("What came of it", el("p", { class: "verdict" }, body.sentences[0]), body.sentences.slice(1).map((s) => el("p", {}, s)), body.inversion_notes.map(quiet), quiet(`${body.closure_title}; model ${body.model}.`)),
     panel("How well each muscle was found", table([
       { title: "muscle", cell: (m) => m.name }, { title: "stands for", cell: (m) => m.merged.join(" + ") },

@@ -125,8 +125,8 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     comparison = seen(measured, compare(bench))
     spread = spread_of(parts, spread_members(parts, measured), comparison)
     # As the session stands, also where the search is older: that is said beside it.
-    left_out = {i: s.why for i, s in measured.states.items() if s.state == "excluded"}
-    stands = {k: v for k, v in provenance(bench).items() if k in ("warnings", "amendments")} | {"excluded": left_out}
+    stands = {k: v for k, v in provenance(bench).items() if k in ("warnings", "amendments")}
+    stands |= {"excluded": measured.excluded}
     if job is not None:
         found = diagnosis_sections(answer | stands, history, _finger(parts, measured, job, answer))
     notes = comparison_notes(bench)

@@ -12,6 +12,7 @@ from fingermodel.muscles.muscle_files import muscle_set_names, read_muscles
 from fingermodel.studies.activation import activate as held_active
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.movement import work_out
+from server.application.provenance import provenance
 from server.figures.activation import activation_plots
 from server.figures.inversion import inversion_plots
 from server.figures.movement import movement_plots
@@ -60,8 +61,9 @@ def inversion(
     require_closed(measured)
     bench = parts.models.bench(measured, resolved(parts, measured, model))
     found = invert_bench(bench, closure)
-    head = {"schema": "fingertwin/invert/1"} | parts.models.provenance(measured, bench)
+    head = {"schema": "fingertwin/invert/1"} | provenance(bench) | {"excluded": measured.excluded}
     drawn = drawn_plots(lambda: inversion_plots(found), figures)
+    head |= parts.models.provenance(measured, bench)
     return JsonAnswer(head | found.as_dict() | {"sentences": found.verdicts(), "figures": drawn})
 
 

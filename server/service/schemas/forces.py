@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, JsonValue
 
-from server.service.schemas.common import Answered, Form, Plain, Shown
+from server.service.schemas.common import Answered, Form, Plain, Shown, WarningOfCheck
 from server.service.schemas.figures import FigureShown
 from server.service.schemas.predictions import Angle, Name
 
@@ -54,6 +54,9 @@ class Inverted(Shown):
     schema_: str = Field(alias="schema", examples=["fingertwin/invert/1"])
     session: str
     model: str
+    warnings: list[WarningOfCheck]
+    amendments: list[Plain] = Field(description="What load cases really were, beside what was entered.")
+    excluded: dict[str, str] = Field(description="Cases left out, and why.")
     closure: str
     closure_title: str
     cases: list[InvertedCase]

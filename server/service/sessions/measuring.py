@@ -61,6 +61,11 @@ class Measured:
         return () if self.measured is None else warnings_of(self.measured, self.plateaus)
 
     @property
+    def excluded(self) -> dict[str, str]:
+        """Cases that are left out, and why."""
+        return {i: s.why for i, s in self.states.items() if s.state == "excluded"}
+
+    @property
     def waits(self) -> bool:
         """True if readings are still to come."""
         return any(s.state == "waiting" or (s.state == "measured" and s.why) for s in self.states.values())

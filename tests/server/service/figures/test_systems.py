@@ -25,7 +25,7 @@ from server.service.jobs import inputs, tasks
 from server.service.jobs.worker import Tell
 from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs
-from tests.server.service.recorded import holding
+from tests.server.service.recorded import PUBLISHED, document_of, holding
 from tests.server.service.running import ServiceReceiver
 
 API = "/api/v1"
@@ -138,11 +138,24 @@ def test_forces_inside_are_those_of_the_command_line(service: ServiceReceiver) -
     drawn(body, "light")
     assert (body["schema"], body["closure"]) == ("fingertwin/invert/1", "minimal")
     assert body["sentences"] == expected.verdicts()
+    assert (body["warnings"], body["amendments"], body["excluded"]) == ([], [], {})
     for ours, theirs in zip(body["cases"], expected.as_dict()["cases"], strict=True):
         assert ours["id"] == theirs["id"]
         for name, force in theirs["muscles"].items():
             assert ours["muscles"][name]["force_N"] == pytest.approx(force["force_N"], rel=1e-6, abs=1e-6)
     assert found(service, f"/sessions/{RECORDED}/inversion", closure="minimal")["figures"] == []
+
+
+def test_forces_inside_carry_what_the_check_warns_of(service: ServiceReceiver) -> None:
+    document = document_of(PUBLISHED) | {"id": "turned"}
+    for case in document["cases"]:
+        case["force_N"] = [-f for f in case["force_N"]]
+    document["cases"][0]["excluded"] = "the suture slipped"
+    told(service, "/sessions", {"id": "turned", "document": document}, 201)
+    body = found(service, "/sessions/turned/inversion", closure="least_squares")
+    assert "wrong_sign" in {w["code"] for w in body["warnings"]}
+    assert body["warnings"] == found(service, "/sessions/turned/comparison")["warnings"]
+    assert body["excluded"] == {document["cases"][0]["id"]: "the suture slipped"}
 
 
 def test_a_running_bench_keeps_its_validation_cases_to_itself(service: ServiceReceiver) -> None:
