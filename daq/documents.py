@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -77,7 +78,7 @@ def yaml_fault(fault: Exception) -> str:
 
 
 class _Loader(SafeLoader):
-    """YAML's safe loader, which also refuses a key given twice."""
+    """YAML's safe loader, which takes plain numbers alone for numbers, and refuses a key given twice."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         """Build a mapping whose keys differ."""
@@ -88,6 +89,20 @@ class _Loader(SafeLoader):
             seen.add(key.value)
         out: dict[Hashable, Any] = super().construct_mapping(node, deep)
         return out
+
+
+# Nobody means what YAML 1.1 makes of 0650 (octal), 0x10, 12_1 and 1:30 (base 60), so these stay text.
+# Where a number is expected, 0650 is then read as 650, and 1:30 is refused.
+_PLAIN_NUMBERS = {
+    "tag:yaml.org,2002:int": re.compile(r"[-+]?(?:0|[1-9][0-9]*)$"),
+    "tag:yaml.org,2002:float": re.compile(
+        r"(?:(?:[-+]?[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+][0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+    ),
+}
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, _PLAIN_NUMBERS.get(tag, form)) for tag, form in forms]
+    for first, forms in SafeLoader.yaml_implicit_resolvers.items()
+}
 
 
 def read_document(path: Path, wanted: str, error: type[InputError] = InputError) -> Any:

@@ -212,7 +212,7 @@ def _word(value: Any, wanted: str = "a name") -> str:
     if isinstance(value, date):
         return value.isoformat()
     if isinstance(value, bool) or not isinstance(value, str | int | float) or not str(value).strip():
-        refuse(f"is {shown(value)}", wanted)
+        refuse(f"is {shown(value)}", wanted, "Put yes, no, on or off in quotes" if isinstance(value, bool) else "")
     return str(value)
 
 
