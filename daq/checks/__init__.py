@@ -5,7 +5,8 @@ It imports `signals`, `recordings` and `sessions`; what it finds are `daq.findin
 
 from __future__ import annotations
 
-from daq.checks.checking import check, measure_and_check, warnings_of
+from daq.checks.checking import begun_scan, check, measure_and_check, warnings_of
+from daq.checks.recording import RecordingScan
 from daq.findings import CheckReport, Finding
 
-__all__ = ["CheckReport", "Finding", "check", "measure_and_check", "warnings_of"]
+__all__ = ["CheckReport", "Finding", "RecordingScan", "begun_scan", "check", "measure_and_check", "warnings_of"]

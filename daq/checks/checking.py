@@ -35,7 +35,7 @@ from daq.sessions import find_session, parse_session, session_data
 from daq.sessions.models import Session
 from daq.signals.corrections import assemble, gathered, windows_of
 
-__all__ = ["CheckReport", "Finding", "check", "measure_and_check", "warnings_of"]
+__all__ = ["CheckReport", "Finding", "begun_scan", "check", "measure_and_check", "warnings_of"]
 
 Progress = Callable[[float], None]
 
@@ -88,26 +88,30 @@ def measure_and_check(
         ReadingsError, SessionError: as `corrections.measure`.
     """
     session = session.amended
-    spec = _spec(session)
-    scan = RecordingScan(range=None if spec is None else np.array(spec.range))
+    scan = begun_scan(session)
     plateaus, notes = gathered(session, progress, scan.watch)
     measured = assemble(session, plateaus, notes)
-    findings = _of_description(session)
-    if plateaus:
-        findings += _of_recording(session, scan, plateaus, spec)
-    findings += _of_measured(measured, {})
-    return measured, _to_look_at(session, findings)
+    return measured, warnings_of(measured, plateaus, scan)
 
 
-def warnings_of(measured: MeasuredSession, plateaus: Mapping[Span, Plateau]) -> tuple[Finding, ...]:
-    """Return errors and warnings of a session whose recording as a whole is not at hand, only its reduced windows."""
+def begun_scan(session: Session) -> RecordingScan:
+    """Return a scan that has still to be shown the session's recording."""
+    return RecordingScan.by(_spec(session))
+
+
+def warnings_of(
+    measured: MeasuredSession, plateaus: Mapping[Span, Plateau], scan: RecordingScan | None
+) -> tuple[Finding, ...]:
+    """Return errors and warnings of a session.
+
+    Args:
+        measured: the session.
+        plateaus: its reduced windows.
+        scan: of its recording; None where it has none.
+    """
     session = measured.session.amended
-    windows = plateau_findings(session, plateaus, _spec(session))
-    findings = [*_of_description(session), *windows, *_of_measured(measured, {})]
-    return _to_look_at(session, findings)
-
-
-def _to_look_at(session: Session, findings: list[Finding]) -> tuple[Finding, ...]:
+    recording = _of_recording(session, scan or RecordingScan(), plateaus, _spec(session))
+    findings = [*_of_description(session), *recording, *_of_measured(measured, {})]
     found = report(session.id, findings, {})
     return (*found.errors, *found.warnings)
 
@@ -171,7 +175,7 @@ def _scan(
     path: Path, session: Session | None, spec: CellSpec | None, findings: list[Finding], progress: Progress | None
 ) -> tuple[RecordingScan, Recording]:
     """Stream the recording once, gathering windows and looking at the whole; faults become findings."""
-    scan = RecordingScan(range=None if spec is None else np.array(spec.range))
+    scan = RecordingScan.by(spec)
     windows = windows_of(session) if session is not None else {}
 
     def note_fault(error: ReadingsError) -> None:

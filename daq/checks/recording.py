@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,17 +57,30 @@ class RecordingScan:
     _last: Floats | None = None
     _finder: GapFinder = field(default_factory=GapFinder)
 
+    @classmethod
+    def by(cls, spec: CellSpec | None) -> RecordingScan:
+        """Begin a scan of readings of a cell; None where it is not known."""
+        return cls(range=None if spec is None else np.array(spec.range))
+
     def watch(self, blocks: Iterator[ReadingBlock]) -> Iterator[ReadingBlock]:
         """Pass blocks on, looking at each."""
         try:
             for block in blocks:
-                if len(block):
-                    self._add(block)
+                self.take(block)
                 yield block
         finally:
             self._note(self._finder.finish())
 
-    def _add(self, block: ReadingBlock) -> None:
+    def so_far(self) -> RecordingScan:
+        """Return the scan of what has come, as of a recording that ends here; this one can go on."""
+        out = deepcopy(self)
+        out._note(out._finder.finish())
+        return out
+
+    def take(self, block: ReadingBlock) -> None:
+        """Look at the next readings."""
+        if not len(block):
+            return
         t, w = block.t_s, block.wrench
         if self.rows == 0:
             self.first_s = float(t[0])

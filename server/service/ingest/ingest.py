@@ -263,8 +263,9 @@ def _keep(
     here = (streams.c.session == session) & (streams.c.id == stream)
     leads = streams_of(connection, session)[0] == stream
     changed = connection.execute(update(streams).where(here).values(change).returning(streams)).one()
-    if not leads and streams_of(connection, session)[0] == stream:
-        raise_version(connection, session)  # windows are read in another stream now
+    whole = fresh and changed.ended and changed.held == changed.next_seq
+    if whole or (not leads and streams_of(connection, session)[0] == stream):
+        raise_version(connection, session)  # the recording is judged as a whole, or windows are read in another now
     return _cursor(connection, changed), fresh
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Connection, Row, func, select
+from sqlalchemy import ColumnElement, Connection, Row, func, select
 
+from daq.checks import RecordingScan
 from daq.errors import OutsideError, ReadingsError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock
@@ -26,11 +28,12 @@ from server.service.ingest.stored import (
     places_of,
     stream_row,
 )
+from server.service.storage.checksums import DamagedError
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, events
 from server.service.web.workers import require_client
 
-_MOST_CACHED = 20_000
+_MOST_CACHED, _MOST_SCANS = 20_000, 64
 # So many windows are read in one pass over the whole stream, instead of by a look-up each.
 _MANY = 16
 _WHERE = "the stored readings"
@@ -56,8 +59,16 @@ class Reduced:
             self.waiting[window] = end
 
 
+@dataclass(eq=False)
+class _Scanned:
+    """A stream as far as it was looked at."""
+
+    scan: RecordingScan
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+
 class Windows:
-    """Reduces windows, and remembers them: readings that are stored never change.
+    """Reduces windows, scans streams, and remembers both: readings that are stored never change.
 
     Args:
         database: that holds the readings.
@@ -66,6 +77,7 @@ class Windows:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._known: OrderedDict[_Key, Plateau | ReadingsError] = OrderedDict()
+        self._scans: OrderedDict[tuple[str, str, bytes], _Scanned] = OrderedDict()
         self._lock = threading.Lock()
 
     def reduce(self, session: str, stream: str | None, windows: Mapping[Span, str]) -> Reduced:
@@ -100,6 +112,29 @@ class Windows:
     def one(self, session: str, stream: str | None, window: Span) -> Plateau | None:
         """Reduce a window where all its readings are there."""
         return self.reduce(session, stream, {window: "window"}).plateaus.get(window)
+
+    def scan(self, session: str, stream: str, begun: RecordingScan) -> RecordingScan:
+        """Look at a stream as a whole, at each of its readings once.
+
+        Args:
+            session: that the stream belongs to.
+            stream: of readings; those behind a hole, or behind a damaged chunk, are not looked at yet.
+            begun: a scan to begin with, where none is known.
+        """
+        key = session, stream, b"" if begun.range is None else begun.range.tobytes()
+        with self._lock:
+            known = self._scans.setdefault(key, _Scanned(begun))
+            self._scans.move_to_end(key)
+            while len(self._scans) > _MOST_SCANS:
+                self._scans.popitem(last=False)
+        with known.lock:
+            with self._database.reading() as connection, suppress(DamagedError):
+                to_come = in_stream(session, stream) & (chunks.c.first_seq >= known.scan.rows)
+                for first_seq, block in _stored(connection, to_come):
+                    if first_seq != known.scan.rows:
+                        break
+                    known.scan.take(block)
+            return known.scan.so_far()
 
     def _together(
         self, connection: Connection, session: str, stream: str, windows: Mapping[Span, str], out: Reduced
@@ -173,7 +208,7 @@ def _lacking(connection: Connection, session: str, stream: str, window: Span, wh
 
 
 def blocks_of(connection: Connection, session: str, stream: str, window: Span | None = None) -> Iterator[ReadingBlock]:
-    """Yield a stream's readings in order, or those of the chunks about a window.
+    """Return a stream's readings in order, or those of the chunks about a window.
 
     Raises:
         DamagedError: a chunk is not as it was sent.
@@ -181,11 +216,16 @@ def blocks_of(connection: Connection, session: str, stream: str, window: Span | 
     mine = in_stream(session, stream)
     if window is not None:
         mine &= chunks.c.first_seq.between(*ends_of(connection, mine, window))
-    query = select(*STORED).where(mine).order_by(chunks.c.first_seq)
+    return (block for _, block in _stored(connection, mine))
+
+
+def _stored(connection: Connection, where: ColumnElement[bool]) -> Iterator[tuple[int, ReadingBlock]]:
+    """Yield the number of each chunk's first reading, and its readings."""
+    query = select(*STORED).where(where).order_by(chunks.c.first_seq)
     with connection.execute(query.execution_options(yield_per=16)) as rows:
         for chunk in map(chunk_of, rows):
             require_client()
             if len(chunk):
                 # A reading beyond the range is flagged also where the device has no status of its own.
                 status = np.where(chunk.overload & (chunk.status == 0), 1, chunk.status)
-                yield ReadingBlock(chunk.t_s, chunk.wrench, status)
+                yield chunk.first_seq, ReadingBlock(chunk.t_s, chunk.wrench, status)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from daq.checks import warnings_of
+from daq.checks import RecordingScan, warnings_of
 from daq.errors import ModelError
 from daq.measured import MeasuredSession
 from daq.recordings.plateaus import Plateau
@@ -41,6 +41,7 @@ class BenchInput:
     readings_sha256: str | None = None  # fingerprint of the readings that the windows were cut from
     # What the answer says that it came from; no part of the fingerprint.
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    scan: RecordingScan | None = None  # of its recording, for the warnings of the check
 
     @property
     def id(self) -> str:
@@ -86,7 +87,7 @@ class BenchInput:
         if as_entered:
             measured = measured_as_entered(measured)
         bench = Session.of(measured, self._model(), catalogue=catalogue, effects=[*own, *effects])
-        return replace(bench, findings=warnings_of(measured, self.plateaus))
+        return replace(bench, findings=warnings_of(measured, self.plateaus, self.scan))
 
     def _model(self) -> Finger | Revision:
         """Return the model itself: no name in a document is ever taken for a path."""

@@ -125,6 +125,7 @@ class Tasks:
             effects=tuple(effect_document(e) for e in self.effects.named([n for n in used if "=" not in n])),
             readings_sha256=None if readings is None else readings["sha256_of_chunks"],
             provenance=provenance | {"specimen": "" if whole is None else whole.specimen.id},
+            scan=measured.scan,
         )
 
 

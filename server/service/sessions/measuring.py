@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from daq.checks import warnings_of
+from daq.checks import RecordingScan, begun_scan, warnings_of
 from daq.errors import InputError, OutsideError, SessionError
 from daq.findings import Finding
 from daq.measured import MeasuredSession
@@ -48,6 +48,7 @@ class Measured:
     plateaus: Mapping[Span, Plateau]  # reduced windows of those cases
     states: Mapping[str, CaseState]  # of every case
     problem: InputError | None = None  # what stands in the way of all of them
+    scan: RecordingScan | None = None  # of the recording, as far as it had come; None where no window is measured
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -58,7 +59,7 @@ class Measured:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Warnings of the check, as far as the session is measured."""
-        return () if self.measured is None else warnings_of(self.measured, self.plateaus)
+        return () if self.measured is None else warnings_of(self.measured, self.plateaus, self.scan)
 
     @property
     def excluded(self) -> dict[str, str]:
@@ -176,7 +177,8 @@ class Measuring:
         # Readings that are to come would be waited for; this one never comes.
         wanted = windows_of(whole.amended)
         outside = next((e for w, e in reduced.failed.items() if w in wanted and isinstance(e, OutsideError)), None)
-        return Measured(record, measured.session, measured, used, states, outside)
+        scan = self._windows.scan(record.id, record.stream, begun_scan(session)) if record.stream and used else None
+        return Measured(record, measured.session, measured, used, states, outside, scan)
 
 
 def _state(case: LoadCase, reduced: Reduced) -> CaseState:

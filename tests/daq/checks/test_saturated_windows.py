@@ -22,7 +22,7 @@ def test_a_channel_at_its_limit_is_told_of_by_every_way_of_judging(tmp_path: Pat
     session = read_session(save(tmp_path / "S1", data, block))
     plateaus, notes = gathered(session)
     measured, as_read = measure_and_check(session)
-    for found in (as_read, warnings_of(assemble(session, plateaus, notes), plateaus), check(session).findings):
+    for found in (as_read, warnings_of(assemble(session, plateaus, notes), plateaus, None), check(session).findings):
         [at_limit] = [f for f in found if f.code == "saturated_window"]
         assert at_limit.where == "case c002: loaded_s"
         assert "Fy_N reaches 25" in at_limit.text
