@@ -332,13 +332,11 @@ def test_one_error_far_beyond_what_the_rig_states_is_no_small_error(hanger: Opti
 
 def test_an_error_of_the_rig_that_one_in_many_has_is_remarked_though_the_verdict_stands(hanger: Optimum) -> None:
     problem = hanger.session.problem
-    at, said = problem.model.parameters.index["zero.tip.y"], dict[float, list[str]]()
-    for times in (0.0, 4.0):
-        theta = problem.centre.copy()
-        theta[at] += times * problem.scale[at]
-        said[times] = [s for s in remarkable(hanger.but(theta=theta)) if "would have to be off" in s]
-        assert far_off(hanger.but(theta=theta)) == ""
-    assert said == {0.0: [], 4.0: ["zero.tip.y would have to be off by 4 times what is stated, or usual"]}
+    at, theta = problem.model.parameters.index["zero.tip.y"], problem.centre.copy()
+    assert [s for s in remarkable(hanger.but(theta=theta)) if "would have to be off" in s] == []
+    theta[at] += 4.0 * problem.scale[at]
+    assert "zero.tip.y would have to be off by 4 times what is stated, or usual" in remarkable(hanger.but(theta=theta))
+    assert far_off(hanger.but(theta=theta)) == ""
 
 
 @pytest.mark.parametrize(("off", "said"), [(0.01, ""), (0.15, "one error (error of each weight) would have to be")])
