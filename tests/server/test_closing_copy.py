@@ -86,9 +86,9 @@ def test_a_folder_that_is_not_there_stops_the_log_before_it_begins(run: Run) -> 
 def test_a_disk_that_goes_away_costs_the_copy_and_says_so(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     logged = Logging.run
 
-    def pulled(logging: Logging, acquisition: Acquisition) -> dict[str, Any]:
+    def pulled(logging: Logging, acquisition: Acquisition, **how: Any) -> dict[str, Any]:
         shutil.rmtree("disk")
-        return logged(logging, acquisition)
+        return logged(logging, acquisition, **how)
 
     monkeypatch.setattr(Logging, "run", pulled)
     code, text, err = run("--copy-to", "disk")
@@ -117,9 +117,9 @@ def test_a_journal_that_was_deleted_meanwhile_is_found_in_another_file(
 ) -> None:
     logged = Logging.run
 
-    def deleted(logging: Logging, acquisition: Acquisition) -> dict[str, Any]:
+    def deleted(logging: Logging, acquisition: Acquisition, **how: Any) -> dict[str, Any]:
         Path("monday/journal.sqlite3").unlink()
-        return logged(logging, acquisition)
+        return logged(logging, acquisition, **how)
 
     monkeypatch.setattr(Logging, "run", deleted)
     code, text, err = run("--copy-to", "disk")
