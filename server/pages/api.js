@@ -58,6 +58,16 @@ export const put = (path, body) => ask(path, { method: "PUT", body });
 export const remove = (path) => ask(path, { method: "DELETE" });
 export const at = (...parts) => "/" + parts.map(encodeURIComponent).join("/");
 
+/** Take a turn for each time that something is asked for: it tells whether no answer to a later one has come before. */
+export function turns() {
+  let asked = 0;
+  let come = 0;
+  return () => {
+    const mine = ++asked;
+    return () => mine >= come && Boolean(come = mine);
+  };
+}
+
 /** Wait for a job, telling how far it is; survives a restart of the service. */
 export async function finished(job, tell, signal) {
   let now = job;

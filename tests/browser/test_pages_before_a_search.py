@@ -28,6 +28,35 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
+BEGUN = """(id) => fetch('/api/v1/sessions', { method: 'POST', headers: { 'Content-Type': 'application/json' },
+    body: JSON.stringify({ id }) }).then((r) => r.status)"""
+
+
+def test_an_answer_that_was_overtaken_is_not_shown(seen: Watched) -> None:
+    """What was asked for later is on the page already: an older answer that comes after it takes nothing away."""
+    seen.open("", "Sessions")
+    seen.page.get_by_role("link", name=PUBLISHED, exact=True).first.wait_for()
+    held: list[Any] = []
+
+    def hold(route: Any) -> None:
+        if held:
+            route.continue_()
+        else:
+            held.append((route, route.fetch()))
+
+    seen.page.route("**/api/v1/sessions?*", hold)
+    assert seen.page.evaluate(BEGUN, "FIRST") == 201
+    while not held:
+        seen.page.wait_for_timeout(50)
+    assert seen.page.evaluate(BEGUN, "LATER") == 201
+    later = seen.page.get_by_role("link", name="LATER", exact=True)
+    later.first.wait_for()
+    route, answer = held[0]
+    route.fulfill(response=answer)
+    seen.page.wait_for_timeout(1000)
+    assert later.count() >= 1
+
+
 # What a page makes of an answer whose second half never comes: it was left meanwhile, or the connection broke.
 HALF = """async (why) => {
     const { get } = await import('/pages/api.js');

@@ -1,5 +1,5 @@
 // The bench: the force of this moment, what to do now, the protocol, the finger as it is held, six traces, warnings.
-import { Away, at, get } from "../api.js";
+import { Away, at, get, turns } from "../api.js";
 import { el, fill, problem, quiet } from "../dom.js";
 import { number, seconds } from "../format.js";
 import { FingerView } from "./bench_finger.js";
@@ -38,6 +38,7 @@ class BenchPage {
     this.streams = [];
     this.log = null;
     this.controlAt = -1e9;
+    this.turn = turns();
     this.cases = [];
     this.steps = [];
     this.estimate = null;
@@ -113,10 +114,11 @@ class BenchPage {
 
   async load() {
     const { signal } = this.gone;
-    const asked = performance.now();
+    const [asked, newest] = [performance.now(), this.turn()];
     try {
       const [state, found, list, session] = await Promise.all([get(`${this.path}/bench/state`, {}, signal), get(`${this.path}/cases`, {}, signal),
         get(`${this.path}/checklist`, {}, signal), get(this.path, {}, signal)]);
+      if (!newest()) return;
       const known = session.streams.map((s) => s.id);
       this.log = session.source === "none" && known.length ? await this.logOf(known.at(-1)) : null;
       const first = this.state === null;

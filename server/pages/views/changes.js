@@ -1,5 +1,5 @@
 // What was changed of a session, by whom, and each change's undo.
-import { get, post } from "../api.js";
+import { get, post, turns } from "../api.js";
 import { el, fill, notice, problem, quiet, table } from "../dom.js";
 import { masses, when, words } from "../format.js";
 
@@ -12,6 +12,7 @@ const NAMES = { windows: "window moved", exclude: "left out", include: "taken in
  * `begun` says that one begins, and gives what takes that back.
  */
 export function changes(path, { begun, done }, signal) {
+  const turn = turns();
   const list = el("div");
   const told = el("div", { role: "status" });
   const node = el("div", {}, told, list);
@@ -46,8 +47,10 @@ export function changes(path, { begun, done }, signal) {
   }
 
   async function load() {
+    const newest = turn();
     try {
       const { edits } = await get(`${path}/edits`, {}, signal);
+      if (!newest()) return;
       const kept = edits.filter((e) => e.kind !== "undo").reverse();
       fill(list, kept.length ? table([
         { title: "when", cell: (e) => when(e.created_utc) }, { title: "what", cell: (e) => NAMES[e.kind] || e.kind }, { title: "case", cell: (e) => e.case },

@@ -1,5 +1,5 @@
 // Predicted against measured: figures, filters, table; from any point to its cases, their readings and windows.
-import { at, get } from "../api.js";
+import { at, get, turns } from "../api.js";
 import { el, empty, fill, keep, panel, problem, quiet, table } from "../dom.js";
 import { compact, masses, norm, number, vector, words, zOf } from "../format.js";
 import { figure } from "../plot.js";
@@ -24,6 +24,7 @@ export async function view(main, { session, asked }) {
   let picked = asked.case || null;
   let these = asked.cases ? asked.cases.split(",") : null;
   let body = null;
+  const turn = turns();
   let cases = [];
   let first = true;
   const only = { role: asked.role || "", location: asked.location || "", posture: asked.posture || "", muscles: asked.muscles || "" };
@@ -49,9 +50,11 @@ export async function view(main, { session, asked }) {
     panel("Load cases", rows), panel("Changes", log.node));
 
   async function load() {
+    const newest = turn();
     try {
       const [listed, compared] = await Promise.all([get(`${path}/cases`, {}, away.signal),
         get(`${path}/comparison`, { model }, away.signal).catch((error) => { if (error.name === "AbortError") throw error; return { problem: error }; })]);
+      if (!newest()) return;
       cases = listed.cases;
       body = compared.problem ? null : compared;
       if (body) tell();

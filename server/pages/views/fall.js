@@ -1,5 +1,5 @@
 // The fall of the error: the chain of revisions, step back and forth, any two compared, any one put in force again.
-import { at, get, post } from "../api.js";
+import { at, get, post, turns } from "../api.js";
 import { el, empty, fill, notice, note, panel, problem, quiet, table } from "../dom.js";
 import { number, when, words } from "../format.js";
 import { figure } from "../plot.js";
@@ -10,6 +10,7 @@ export async function view(main, { session, asked }) {
   const path = at("sessions", session);
   const base = `#/sessions/${encodeURIComponent(session)}`;
   const away = new AbortController();
+  const turn = turns();
   let rows = [];
   let now = asked.revision || null;
   let against = null;
@@ -23,9 +24,12 @@ export async function view(main, { session, asked }) {
   fill(main, el("h1", {}, `${session}: the fall of the error`), head, work, state, panels);
 
   async function load() {
+    const newest = turn();
     try {
       const [{ revisions }, { fingers }] = await Promise.all([get(`${path}/revisions`, { limit: 500 }, away.signal), get("/fingers", {}, away.signal)]);
-      rows = revisions.length ? [await begun(revisions[0], fingers), ...revisions] : [];
+      const steps = revisions.length ? [await begun(revisions[0], fingers), ...revisions] : [];
+      if (!newest()) return;
+      rows = steps;
       draw();
     } catch (error) {
       if (error.name === "AbortError") return;

@@ -1,5 +1,5 @@
 // Sessions and specimens: list, search, import a folder, open, export.
-import { get, post } from "../api.js";
+import { get, post, turns } from "../api.js";
 import { el, empty, fill, notice, panel, problem, quiet, table } from "../dom.js";
 import { when } from "../format.js";
 import { dropZone, importing } from "./importing.js";
@@ -17,6 +17,7 @@ export async function view(main) {
   const found = el("input", { id: "search", type: "search", autocomplete: "off", oninput: () => draw() });
   let rows = [];
   let known = [];
+  const turn = turns();
   let loaded = false;
 
   fill(main, el("h1", {}, "Sessions"),
@@ -26,6 +27,7 @@ export async function view(main) {
     panel("Import a session", importing(away.signal)), specimens);
 
   async function load() {
+    const newest = turn();
     try {
       const now = [];
       let after = "";
@@ -34,8 +36,9 @@ export async function view(main) {
         now.push(...page.sessions);
         after = page.next;
       } while (after);
-      rows = now;
-      known = (await get("/specimens", {}, away.signal)).specimens;
+      const { specimens: whole } = await get("/specimens", {}, away.signal);
+      if (!newest()) return;
+      [rows, known] = [now, whole];
       loaded = true;
       draw();
     } catch (error) {
