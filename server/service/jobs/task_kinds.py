@@ -138,7 +138,7 @@ def _document(measured: Measured) -> dict[str, Any]:
     document, session = measured.record.document, measured.session
     if document is None or session is None:
         raise InputError(f"session {measured.record.id} has no measured load case", "at least one")
-    told = {c.id for c in session.cases} | {i for i, s in measured.states.items() if s.state == "excluded"}
+    told = {c.id for c in session.cases} | measured.excluded.keys()
     kept = [w.model_dump(mode="json", exclude_none=True) for w in session.checks]
     out = document | {"cases": [c for c in document["cases"] if c["id"] in told]}
     if "amendments" in out:
