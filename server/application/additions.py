@@ -16,9 +16,10 @@ from fingermodel.effects.user import load_effect, shipped_effects
 from fingermodel.model_files import Step
 from fingermodel.session import Progress, Session
 from server.application.provenance import provenance
-from server.application.refitting import fit_body, refit_compared
+from server.application.refitting import fit_body
 
 if TYPE_CHECKING:
+    from fingermodel.fitting.fit_report import Fit
     from fingermodel.stages import Effect
 
 
@@ -31,17 +32,16 @@ def add_bench(
     """
     addition = add(bench, *names, without=without, progress=tell)
     apart = addition.fit.errors.not_counted
-    after = compare(bench.model, bench.observations, addition.fit.theta).without(apart)
-    return comparing.compare(bench).without(apart), addition, after
+    return comparing.compare(bench).without(apart), addition, _compared(bench, addition.fit)
 
 
-def refitted_alone(
-    bench: Session, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
-) -> Comparison | None:
-    """Compare the model refitted without what is to be added; None where nothing is."""
-    if not names:
-        return None
-    return refit_compared(bench.holding(bench.held_without(without)), tell=tell)[2]
+def refitted_alone(bench: Session, addition: Addition) -> Comparison | None:
+    """Compare the model refitted without what was added; None where nothing was."""
+    return None if addition.alone is None else _compared(bench, addition.alone)
+
+
+def _compared(bench: Session, fit: Fit) -> Comparison:
+    return compare(bench.model, bench.observations, fit.theta).without(fit.errors.not_counted)
 
 
 def addition_step(addition: Addition, without: Sequence[str], alone: Comparison | None) -> Step:

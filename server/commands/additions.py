@@ -73,8 +73,7 @@ def _add_to_session(
     """Add effects to a session's model, refit, write the revision and show the fall of the error."""
     with progress("Refitting") as tell:
         before, addition, after = add_bench(bench, chosen, without, tell)
-    with progress("Refitting without it") as tell:
-        alone = refitted_alone(bench, addition.names, without, tell)
+    alone = refitted_alone(bench, addition)
     path = out or free_path(Path("models"), bench.measured.session.id)
     document = save_revision(
         bench,

@@ -67,6 +67,7 @@ class Addition:
     """A model with effects added."""
 
     fit: Fit  # of everything together
+    alone: Fit | None  # of the same without what was added; None where nothing was
     names: tuple[str, ...]  # of the candidates added
     # Over the same model without them, the budget's size and the effects' form left open as in a diagnosis; None where
     # none was added.
@@ -133,7 +134,7 @@ def add_effects(
         held: parameters of effects that the model has already.
         start: (parameters,) of an earlier fit, one more start of the final refit.
         starts: of the final refit besides.
-        progress: called with the fraction of the final refit that is done.
+        progress: called with the fraction that is done.
 
     Raises:
         ModelError: names that cannot be added, to this model or together.
@@ -143,22 +144,36 @@ def add_effects(
     candidates = Candidates.of(model, sagittal=sagittal, held=held)
     explanations = _explanations(model, names, candidates, sagittal=sagittal) if names else []
     # An earlier fit changes nothing of what is minimised: a refit of a refitted model stays where it is.
-    beginner = Beginner(session, candidates)
+    beginner = Beginner(session, candidates, progress=progress)
     begun = beginner.all_out(beginner.grossly())
     fitter, base = begun.fitter, begun.nothing
-    also = [] if start is None else [start]
-    best, alone = base, fitter.log_evidence_without_smooth(base)
-    for explanation in explanations:
-        for begin in (base.expected(explanation, base.best), session.problem.centre):
-            found = fitter.fit(explanation, begin, base.best, base.bad, log_prior=0.0)
-            if best is base or found.log_posterior > best.log_posterior:
-                best = found
-    gain = None if best is base else best.log_posterior - alone
-    recipe = Recipe.of(best, (*begun.plain, *best.best[FORMS:]))
-    problem = recipe.problem(model, observations, plane, held)
-    values, apart = fitter.hyper.values(recipe.node), tuple(observations.ids[case] for case in recipe.bad)
+    found = [
+        fitter.fit(explanation, begin, base.best, base.bad, log_prior=0.0)
+        for explanation in explanations
+        for begin in (base.expected(explanation, base.best), session.problem.centre)
+    ]
+    best = max(found, key=lambda fit: fit.log_posterior, default=base)
+    values, apart = fitter.hyper.values(begun.plain), tuple(observations.ids[case] for case in sorted(base.bad))
     sizes = values.errors._asdict() | values.groups._asdict()
     noise = sizes.pop("noise")
     errors = ReadingErrors(extra_noise_N=None if observations.noise_assumed else noise, not_counted=apart, **sizes)
-    fit = refit_map(problem, start=best.theta, also=also, starts=starts, progress=progress, errors=errors)
-    return Addition(fit, best.explanation.names, gain, recipe)
+    recipes = [Recipe.of(fit, (*begun.plain, *fit.best[FORMS:])) for fit in dict.fromkeys([best, base])]
+    fits = list[Fit]()
+    for recipe in recipes:
+        fit = refit_map(
+            recipe.problem(model, observations, plane, held),
+            start=np.array(recipe.about),
+            also=[] if start is None else [start],
+            starts=starts,
+            progress=None if progress is None else _from(beginner.share, len(fits), len(recipes), progress),
+            errors=errors,
+        )
+        fits.append(fit)
+    alone = None if best is base else fits[-1]
+    gain = None if best is base else best.log_posterior - fitter.log_evidence_without_smooth(base)
+    return Addition(fits[0], alone, best.explanation.names, gain, recipes[0])
+
+
+def _from(begun: float, number: int, count: int, progress: Callable[[float], None]) -> Callable[[float], None]:
+    """Return what is told the fraction done of one of some parts, where a share was done before them."""
+    return lambda done: progress(begun + (1.0 - begun) * (number + done) / count)

@@ -90,7 +90,12 @@ class Beginner:
         """Count one more fit."""
         self.made += 1
         if self._progress:
-            self._progress(1.0 - _LEFT_PER_FIT**self.made)
+            self._progress(self.share)
+
+    @property
+    def share(self) -> float:
+        """Share of a search that is done."""
+        return 1.0 - _LEFT_PER_FIT**self.made
 
     @cached_property
     def _every(self) -> Explanation:

@@ -53,10 +53,10 @@ def add(payload: AddInput, tell: Tell) -> Answer:
     names, own = resolved_effects(payload.effects, files=False)
     bench = payload.bench.open(catalogue=True, effects=own)
     tell(0.1, "refitting")
-    before, addition, after = add_bench(bench, names, payload.without, lambda done: tell(0.1 + 0.5 * done, "refitting"))
-    alone = refitted_alone(
-        bench, addition.names, payload.without, lambda done: tell(0.6 + 0.35 * done, "refitting without it")
+    before, addition, after = add_bench(
+        bench, names, payload.without, lambda done: tell(0.1 + 0.85 * done, "refitting")
     )
+    alone = refitted_alone(bench, addition)
     revision = describe_revision(
         bench,
         addition.fit,
