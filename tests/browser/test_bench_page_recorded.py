@@ -73,7 +73,7 @@ REMEMBER = """(() => {
 })()"""
 
 
-@pytest.mark.parametrize("speed", [1, 40])
+@pytest.mark.parametrize("speed", [1, pytest.param(40, marks=pytest.mark.full)])
 def test_while_a_recording_is_replayed_the_headline_says_so_and_afterwards_that_no_bench_is_running(
     browser: Any, service: tuple[str, Process], speed: int
 ) -> None:

@@ -230,11 +230,12 @@ def cases(seen: Watched) -> list[dict[str, Any]]:
 
 
 PATHS = [
-    "", BENCH, *(f"sessions/{SESSION}/{v}" for v in ("compare?case=c010", "find", "fall", "report")),
+    "", BENCH, *(f"sessions/{SESSION}/{v}" for v in ("compare?case=c010", "find")),
     *(
         pytest.param(path, marks=pytest.mark.full)
         for path in (
-            "help", "audit", f"sessions/{SESSION}/effect?name=worn_pulley.FDP", f"sessions/{EMPTY}/compare",
+            "help", "audit", f"sessions/{SESSION}/fall", f"sessions/{SESSION}/report",
+            f"sessions/{SESSION}/effect?name=worn_pulley.FDP", f"sessions/{EMPTY}/compare",
             f"sessions/{EMPTY}/find", f"sessions/{EMPTY}/fall",
         )
     ),

@@ -51,7 +51,7 @@ def truth_of(session: str) -> dict[str, Any]:
         ("DEV-01", "nothing_missing", ()),
         ("DEV-02", "found", ("hanger_mass",)),
         pytest.param("DEV-03", "found", ("sheath_friction",), marks=pytest.mark.full),
-        ("DEV-04", "found", ("cell_rotation",)),
+        pytest.param("DEV-04", "found", ("cell_rotation",), marks=pytest.mark.full),
         pytest.param("DEV-05", "found", ("goniometer_bias",), marks=pytest.mark.full),
         pytest.param("DEV-06", "found", ("bowstringing",), marks=pytest.mark.full),
         ("DEV-08", "found", ("zero_offset",)),
@@ -333,6 +333,7 @@ def test_a_clamp_that_resists_twist_is_taken_for_no_effect(tmp_path: Path) -> No
     assert not found.verdict.effects
 
 
+@pytest.mark.full
 def test_what_rigs_are_known_to_do_is_recognised_and_can_be_added(tmp_path: Path) -> None:
     draw_session(tmp_path, 1012, outside="edc_subluxation")
     found = run_diagnosis(Session.open(tmp_path))

@@ -99,13 +99,13 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     [  # how often this is right is in benchmarks/scatter.md
         (by_direction, "direction", 0.02, "of the force in every direction", 50),
         pytest.param(by_component, "component", 0.015, "of each component by itself", 50, marks=pytest.mark.full),
-        (by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle", 50),
+        pytest.param(by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle", 50, marks=pytest.mark.full),
         (by_weight, "weight", 0.01, "of each weight", 50),
         pytest.param(
             by_line, "line_rad", np.deg2rad(1.5), "of each tendon's line at the bone", 50, marks=pytest.mark.full
         ),
         pytest.param(by_zero, "zero_N", 0.02, "of the zero from setting to setting", 50, marks=pytest.mark.full),
-        (by_drift, "drift_N", 0.02, "of the zero's drift within a setting", 50),
+        pytest.param(by_drift, "drift_N", 0.02, "of the zero's drift within a setting", 50, marks=pytest.mark.full),
         pytest.param(
             by_setting,
             "turn_rad",
@@ -114,8 +114,17 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
             50,
             marks=pytest.mark.full,
         ),
-        (by_hold, "hold_mm", 1.0, "of where the tip is held from setting to setting", 50),
-        (by_mount, "apart_rad", np.deg2rad(1.0) / np.sqrt(2.0), "of each joint angle between tip and bone", 52),
+        pytest.param(
+            by_hold, "hold_mm", 1.0, "of where the tip is held from setting to setting", 50, marks=pytest.mark.full
+        ),
+        pytest.param(
+            by_mount,
+            "apart_rad",
+            np.deg2rad(1.0) / np.sqrt(2.0),
+            "of each joint angle between tip and bone",
+            52,
+            marks=pytest.mark.full,
+        ),
     ],
 )
 def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(

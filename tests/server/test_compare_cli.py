@@ -1,4 +1,4 @@
-"""`compare`, `refit` and `reproduce`: answers, revisions that are left behind, published numbers."""
+"""`compare` and `refit`: answers, and revisions that are left behind."""
 
 from __future__ import annotations
 
@@ -221,17 +221,3 @@ def test_the_command_that_a_refit_names_can_be_pasted_where_names_hold_spaces(tm
     told = re.search(r"\(fingertwin (.*)\)", answer.out)
     assert told is not None
     assert shlex.split(told[1]) == ["compare", str(session), "--model", str(tmp_path / "r 1.json")]
-
-
-# reproduce
-
-
-def test_reproduce_sets_every_published_number_beside_ours() -> None:
-    body = run("reproduce", "synek2019", "--json", "-").body("reproduce")
-    assert all({"quantity", "published", "ours", "unit", "agrees"} <= set(row) for row in body["rows"])
-    names = [row["quantity"] for row in body["rows"]]
-    assert len(names) == len(set(names)) > 50
-    assert [row["quantity"] for row in body["rows"] if row["agrees"] is False] == []
-    assert all(row["note"] for row in body["rows"] if row["agrees"] is None)
-    assert {fit["specimen"] for fit in body["fits"]} == {"HMEAN", "H01", "H02", "H03"}
-    assert all(all(fit["held_to"].values()) for fit in body["fits"])

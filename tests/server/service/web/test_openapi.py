@@ -157,7 +157,7 @@ def test_an_address_takes_the_methods_of_its_most_exact_template(document: Found
     assert methods_of(document, "/api/v1/nothing") == []
 
 
-@pytest.mark.parametrize("database", ["sqlite", "postgresql"])
+@pytest.mark.parametrize("database", ["sqlite", pytest.param("postgresql", marks=pytest.mark.full)])
 def test_the_service_answers_as_documented(database: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if database == "postgresql":
         monkeypatch.setenv("FINGERTWIN_DATABASE_URL", postgres_url())
