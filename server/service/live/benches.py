@@ -33,7 +33,10 @@ class Bench:
 
 
 class Benches:
-    """All that are connected, one a session.
+    """All that are connected.
+
+    Commands of a session go to the latest that has said what it waits for. A log without a protocol says nothing of the
+    kind, and takes nothing from a bench; a bench that connects again takes over from its old connection.
 
     Args:
         publish: hands a message to whoever listens.
@@ -41,16 +44,17 @@ class Benches:
 
     def __init__(self, publish: Callable[[Message], None]) -> None:
         self._publish = publish
-        self._connected: dict[str, Bench] = {}
+        self._connected: dict[str, list[Bench]] = {}
 
     def connect(self, session: str) -> Bench:
-        """Take a bench's connection; one of the same session from before is heard no more."""
-        bench = self._connected[session] = Bench(session)
+        """Take a connection of what logs into a session."""
+        bench = Bench(session)
+        self._connected.setdefault(session, []).append(bench)
         return bench
 
-    def holds(self, bench: Bench) -> bool:
-        """Return whether a connection is the latest of its session."""
-        return self._connected.get(bench.session) is bench
+    def _holder(self, session: str) -> Bench | None:
+        """Return the bench that commands of a session go to; None where none has said what it waits for."""
+        return next((b for b in reversed(self._connected.get(session, [])) if b.shown is not None), None)
 
     def require_free(self, session: str) -> None:
         """Make sure that nothing is logged into a session now.
@@ -68,15 +72,18 @@ class Benches:
         for future in bench.asked.values():
             if not future.done():
                 future.cancel()
-        if self.holds(bench):
+        held, here = self._holder(bench.session) is bench, self._connected[bench.session]
+        here.remove(bench)
+        if not here:
             del self._connected[bench.session]
-            if bench.shown is not None:
-                self._publish(Message("bench", bench.session, _body(None)))
+        if held:
+            left = self._holder(bench.session)
+            self._publish(Message("bench", bench.session, _body(None if left is None else left.shown)))
 
     def show(self, bench: Bench, shown: BenchShown) -> None:
         """Take what a bench waits for."""
-        if self.holds(bench) and shown != bench.shown:
-            bench.shown = shown
+        changed, bench.shown = shown != bench.shown, shown
+        if changed and self._holder(bench.session) is bench:
             self._publish(Message("bench", bench.session, _body(shown)))
 
     def answered(self, bench: Bench, answer: Answer) -> None:
@@ -88,9 +95,9 @@ class Benches:
     def shown(self, sessions: frozenset[str] | None) -> list[dict[str, Any]]:
         """Return the present requests of some sessions' benches, or of all."""
         return [
-            {"kind": "bench", "session": b.session, "body": _body(b.shown)}
-            for b in self._connected.values()
-            if b.shown is not None and (sessions is None or b.session in sessions)
+            {"kind": "bench", "session": session, "body": _body(bench.shown)}
+            for session in self._connected
+            if (sessions is None or session in sessions) and (bench := self._holder(session)) is not None
         ]
 
     async def ask(self, session: str, command: str, text: str) -> None:
@@ -99,7 +106,7 @@ class Benches:
         Raises:
             ProblemError: 409 it is not connected or refuses, 503 it does not answer.
         """
-        bench = self._connected.get(session)
+        bench = self._holder(session)
         if bench is None or bench.shown is None:
             raise ProblemError(
                 409,
