@@ -20,7 +20,7 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import plan_next
 from fingermodel.diagnosis.verdict.predictive import check, holding, predicted, together
 from fingermodel.diagnosis.verdict.trend import Trend
-from fingermodel.diagnosis.verdict.verdict import doubted, with_unlike
+from fingermodel.diagnosis.verdict.verdict import doubted, judge, with_unlike
 from fingermodel.session import Session
 from server.application.additions import add_bench
 from server.application.diagnosing import run_diagnosis
@@ -91,6 +91,16 @@ def test_a_sound_recorded_session_has_no_suspect_case_and_repeats(session: str) 
     assert body["repeatability"]["value_pct"] < 0.5
     assert body["budget_multiple"]["value"] < 1.5
     assert body["beyond"]["probability"] < 0.1
+
+
+def test_what_the_load_cases_would_hardly_show_is_said_not_to_be_ruled_out() -> None:
+    d = diagnosed("DEV-01")[1]
+    assert "ruled out" not in " ".join(d.verdict.reasons)
+    # One tendon's pulley may be hidden where another's would show.
+    seen = d.confounding.detectability | {"fdp_fds_coupling": 1.0, "worn_pulley.FDP": 0.5}
+    verdict = judge(d.posterior, d.stated, d.candidates, replace(d.confounding, detectability=seen), None, (), ())
+    assert verdict.kind == "nothing_missing"
+    assert verdict.reasons[-1].endswith("hardly show, and that are not ruled out: fdp_fds_coupling.")
 
 
 def test_an_effect_that_the_data_cannot_show_is_not_named() -> None:

@@ -32,6 +32,12 @@ class Confounding:
         order = np.argsort(-row)
         return tuple(self.names[i] for i in order if self.names[i] != name and row[i] >= ALIKE)
 
+    def hidden(self, candidates: Candidates) -> tuple[str, ...]:
+        """Effects of the catalogue that hardly stand out wherever they act, even as large as their priors."""
+        known = [c for c in candidates.all if not c.outside]
+        shown = {c.effect for c in known if self.detectability[c.name] >= _DETECTABLE}
+        return tuple(dict.fromkeys(c.effect for c in known if c.effect not in shown))
+
     def as_dict(self) -> dict[str, object]:
         """As the answer gives it."""
         return {

@@ -131,7 +131,7 @@ def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, c
     if posterior.p_beyond >= SURE and not likely:
         return Verdict("none_of_catalogue", (), (), posterior.p_beyond, _beyond(posterior))
     if posterior.p_nothing >= _NOTHING_SURE:
-        return _nothing(posterior, stated)
+        return _nothing(posterior, stated, candidates, classes)
     for members in _classes_of(posterior, classes):
         p = posterior.of_any(members)
         if p >= SURE:
@@ -172,16 +172,18 @@ def _found(
     return Verdict("found", names, tuple(dict.fromkeys(c.effect for c in sure)), probability, tuple(reasons))
 
 
-def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
+def _nothing(posterior: Posterior, fit: Optimum, candidates: Candidates, classes: Confounding) -> Verdict:
     p, misfit = posterior.p_nothing, fit.misfit(fit.node)
     left = _left(posterior, fit, "noise, scatter and budget", fit.node)
     if short := left or far_off(fit) or beyond_priors(posterior.nothing):
         return Verdict("undecided", (), (), p, (), (short,))
-    reason = (
+    reasons = [
         f"Noise, scatter and the stated budget explain the readings (misfit {misfit:.0f} for {len(fit.residual)} "
         "readings); no effect is needed."
-    )
-    return Verdict("nothing_missing", (), (), p, (reason,))
+    ]
+    if hidden := classes.hidden(candidates):
+        reasons.append(f"Effects that these load cases would hardly show, and that are not ruled out: {words(hidden)}.")
+    return Verdict("nothing_missing", (), (), p, tuple(reasons))
 
 
 def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
