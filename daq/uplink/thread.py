@@ -114,12 +114,20 @@ class Uplink:
         self._woken.set()
 
     def flush(self, timeout_s: float) -> bool:
-        """Wait until all that is in the journal by now is at the service; return whether it is."""
+        """Wait until all that is in the journal by now is at the service; return whether it is.
+
+        A session that the service does not give to this journal is not waited for.
+        """
         with self._looked:
             now = self._steps
             self._events.hurry()
             self.wake()
-            return self._looked.wait_for(lambda: self._idle_step > now, timeout_s) and self._events.problem is None
+            self._looked.wait_for(lambda: self._idle_step > now or self._barred, timeout_s)
+            return self._idle_step > now and self._events.problem is None
+
+    @property
+    def _barred(self) -> bool:
+        return self._refusal is not None and not self._begun
 
     def stop(self) -> None:
         """End the thread and hang up; what was not sent waits in the journal."""
@@ -135,9 +143,8 @@ class Uplink:
         if problem and self._refusal not in (None, problem):  # it is why a session is not there
             problem = f"{self._refusal}; {problem}"
         caught_up = self._idle_step == self._steps > 0
-        barred = self._refusal is not None and not self._begun
         sent, aside, refused = self._chunks.sent, self._chunks.quarantined, self._events.refused
-        return UplinkStatus(sent, aside, refused, caught_up, barred, problem)
+        return UplinkStatus(sent, aside, refused, caught_up, self._barred, problem)
 
     def step(self) -> float:
         """Make one exchange with the service at most; return how long to wait before the next [s]."""
@@ -223,6 +230,8 @@ class Uplink:
         """Tell why the session was not begun, once."""
         if why == self._refusal:
             return
-        self._refusal = why
+        with self._looked:
+            self._refusal = why
+            self._looked.notify_all()
         self._journal.event(Event("session_refused", 0.0, {"why": why}))
         self._journal.alarms.put(("session_refused", f"session {self._session} was not begun: {why}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -212,7 +213,10 @@ def test_a_bench_takes_no_session_that_has_a_document(tmp_path: Path) -> None:
     bench = journalled(tmp_path)
     assert bench.journal is not None
     uplink = Uplink(bench.journal, "http://127.0.0.1", "S1", client=service.another(), begins=True, bench=True)
-    uplink.step()
+    uplink.start()
+    began_s = time.monotonic()
+    assert not uplink.flush(60.0), "what will not be taken is not waited for"
+    assert time.monotonic() - began_s < 30.0
     assert uplink.status().barred
     uplink.stop()
     bench.journal.close()
