@@ -5,24 +5,26 @@ BIN := $(VENV)/bin
 # Longest files first. One worker more than the two cores: tests in a browser wait for much of their time.
 SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help demo test test-full check style types spread docs bench lock sbom clean
+.PHONY: help demo test test-full check style layers types spread docs bench lock sbom clean
 help:  ## List the tasks
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
 demo: $(VENV)/.installed  ## Run the main job on shipped data
 	$(BIN)/fingertwin demo
 
-test: style  ## Check style and layers, then types while the tests run
-	$(MAKE) --no-print-directory -j 2 types spread
+test: style  ## Check style, then layers and types while the tests run
+	$(MAKE) --no-print-directory -j 3 layers types spread
 
 test-full: style  ## The same with all examples (some minutes more)
-	$(MAKE) --no-print-directory -j 2 types spread SPREAD='$(SPREAD) -m "full or not full"'
+	$(MAKE) --no-print-directory -j 3 layers types spread SPREAD='$(SPREAD) -m "full or not full"'
 
-check: style types  ## Style, layers, types
+check: style layers types  ## Style, layers, types
 
 style: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+layers: $(VENV)/.dev
 	$(BIN)/lint-imports
 
 # Types take over a minute of one core at first; tests wait for much of their time.

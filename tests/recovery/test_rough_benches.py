@@ -97,7 +97,7 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
 @pytest.mark.parametrize(
     ("scattered", "kind", "size", "said", "seed"),
     [  # how often this is right is in benchmarks/scatter.md
-        (by_direction, "direction", 0.02, "of the force in every direction", 50),
+        pytest.param(by_direction, "direction", 0.02, "of the force in every direction", 50, marks=pytest.mark.full),
         pytest.param(by_component, "component", 0.015, "of each component by itself", 50, marks=pytest.mark.full),
         pytest.param(by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle", 50, marks=pytest.mark.full),
         (by_weight, "weight", 0.01, "of each weight", 50),
@@ -206,7 +206,7 @@ def test_nothing_goes_with_time_where_none_is_known(tmp_path: Path) -> None:
     assert d.trend is None or d.trend.along == "load"
 
 
-@pytest.mark.parametrize(("seen", "effects"), [(0.0, ("rig_friction",)), (0.2, ())])
+@pytest.mark.parametrize(("seen", "effects"), [pytest.param(0.0, ("rig_friction",), marks=pytest.mark.full), (0.2, ())])
 def test_what_settles_after_its_window_is_no_effect_where_the_windows_show_that_it_does(
     tmp_path: Path, seen: float, effects: tuple[str, ...]
 ) -> None:
@@ -251,7 +251,10 @@ def test_an_effect_is_found_beside_scatter(tmp_path: Path) -> None:
     assert found["repeatability"]["value_pct"] == pytest.approx(1.5, abs=0.6)
 
 
-@pytest.mark.parametrize(("spoilt", "effects"), [("mass", {}), ("label", {"cell_rotation": (5.0, -4.0, 6.0)})])
+@pytest.mark.parametrize(
+    ("spoilt", "effects"),
+    [("mass", {}), pytest.param("label", {"cell_rotation": (5.0, -4.0, 6.0)}, marks=pytest.mark.full)],
+)
 def test_a_slip_of_the_pen_is_a_suspect_and_no_story(tmp_path: Path, spoilt: str, effects: dict[str, Any]) -> None:
     case = rough(tmp_path, 43, effects, 0.01, spoilt)
     found = diagnosed(tmp_path)

@@ -228,6 +228,7 @@ def test_two_weights_exchanged_throughout_are_a_fault_of_the_session(tmp_path: P
     _expect_put_right(tmp_path, found["session_faults"][0]["amend"], original)
 
 
+@pytest.mark.full
 def test_two_weights_exchanged_in_the_validation_cases_alone_are_a_fault_of_the_session(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
     session = Recorded(tmp_path)
