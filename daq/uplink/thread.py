@@ -217,9 +217,9 @@ class Uplink:
             self._chunks.turned_away(response)
             return
         if response.status_code == 409 and (self._bench or self._document is not None):
-            # Readings of one session must not go to another of its name.
-            self._refuse(said(response))
+            # Readings of one session must not go to another of its name. Who waits for the refusal wants its reason.
             self._link.back_off(said(response))
+            self._refuse(said(response))
             return
         self._begun, self._refusal = True, None
         if response.status_code == 422:
