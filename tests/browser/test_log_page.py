@@ -84,4 +84,5 @@ def test_a_log_is_called_a_log_and_one_that_begins_again_shows_its_own_readings_
         assert float(shown.split(" until ")[1].removesuffix(" s")) == pytest.approx(end_s, abs=0.1)
         for seen in (first, second, last):
             seen.page.close()
-            assert seen.complaints == []
+            # Of a stream that begins nothing is stored yet: the page expects that, and the browser tells it by itself.
+            assert [c for c in seen.complaints if "404" not in c or "/readings?" not in c] == []
