@@ -169,9 +169,10 @@ def add_effects(
             errors=errors,
         )
         fits.append(fit)
-    alone = None if best is base else fits[-1]
-    gain = None if best is base else best.log_posterior - fitter.log_evidence_without_smooth(base)
-    return Addition(fits[0], alone, best.explanation.names, gain, recipes[0])
+    if best is base:
+        return Addition(fits[0], None, (), None, recipes[0])
+    gain = best.log_posterior - fitter.log_evidence_without_smooth(base)
+    return Addition(fits[0], fits[1], best.explanation.names, gain, recipes[0])
 
 
 def _from(begun: float, number: int, count: int, progress: Callable[[float], None]) -> Callable[[float], None]:
