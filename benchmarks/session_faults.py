@@ -245,6 +245,15 @@ def zero_before_each_weight(session: Recorded) -> None:
         session.values[session.within(case, "loaded_s")] -= zero
 
 
+def weight_at_a_tare(session: Recorded, rng: Rng) -> None:
+    """Leave a part of a load on one tendon hanging while the tare of its posture and mount is taken."""
+    cases = [c for c in session.document["cases"] if len(c["masses_g"]) == 1 and c["role"] == "identification"]
+    case = cases[int(rng.integers(len(cases)))]
+    loaded, tare = (session.within(case, window) for window in ("loaded_s", "unloaded_s"))
+    share = float(rng.uniform(0.3, 1.0))
+    session.values[tare] += share * (session.values[loaded].mean(axis=0) - session.values[tare].mean(axis=0))
+
+
 Fault = Callable[[Recorded, Rng], None]
 # With the kind that is to be said. A gain of both mounts is friction of the rig, and none of these.
 FAULTS: dict[Fault, str] = {
@@ -273,6 +282,7 @@ FAULTS: dict[Fault, str] = {
     every_sign_at_the_tip: "axes",
     gain: "gain",
     tare_twice: "tare",
+    weight_at_a_tare: "tare_weight",
 }
 
 

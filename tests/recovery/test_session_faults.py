@@ -30,6 +30,7 @@ from benchmarks.session_faults import (
     tendons_in_a_posture,
     unseen_radians,
     unseen_sign,
+    weight_at_a_tare,
     weights_of_a_tendon,
     zero_before_each_weight,
 )
@@ -63,6 +64,7 @@ from tests.simulator import draw_session
         pytest.param(rows, "rows", "each load was entered one row too ", marks=pytest.mark.full),
         (moments_in_Nm, "unit", "the moments are in N m"),
         (unseen_sign, "posture", "has the other sign"),
+        (weight_at_a_tare, "tare_weight", " while the tare was taken for the cases from "),
         pytest.param(unseen_radians, "posture", "in radians", marks=pytest.mark.full),
     ],
 )

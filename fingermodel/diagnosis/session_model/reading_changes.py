@@ -53,6 +53,10 @@ class CaseChanges:
         """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
         return self._derivatives(theta, "tension", np.asarray(self.inputs.tension))
 
+    def less_by_newton(self, theta: Floats) -> Floats:
+        """(cases, 6, muscles) change of every reading by a newton that each tendon pulls less, hung on or not."""
+        return -self._derivatives(theta, "tension", np.ones(np.shape(self.inputs.tension)))
+
     def by_angle(self, theta: Floats) -> Floats:
         """(cases, 6, rotations) change of every reading per radian of each joint angle, about some parameters."""
         return self._derivatives(theta, "posture", np.ones(np.shape(self.inputs.posture)))

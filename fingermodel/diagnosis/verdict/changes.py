@@ -1,10 +1,10 @@
-"""What may be another than was entered by an amount: a mount's gain, a weight, an angle."""
+"""What may be another than was entered by an amount: a mount's gain, a weight, an angle, what hung at a tare."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
+from itertools import combinations, groupby, product
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,18 @@ from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, WRONG_ANGLE_RAD
 
 Kind = Literal[
-    "tendon_labels", "rows", "side", "posture", "mount", "mass_unit", "axes", "unit", "gain", "weight", "tare"
+    "tendon_labels",
+    "rows",
+    "side",
+    "posture",
+    "mount",
+    "mass_unit",
+    "axes",
+    "unit",
+    "gain",
+    "weight",
+    "tare",
+    "tare_weight",
 ]
 
 
@@ -35,15 +46,16 @@ class Amend:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What is another than was entered by an amount: a mount's gain, a weight, two exchanged ones, an angle."""
+    """What is another than was entered by an amount: a gain, a weight, two exchanged ones, an angle, a tare's load."""
 
-    kind: Kind  # of fault; of a posture the amount is an angle [rad], else it is relative
+    # Of fault. The amount is relative; of a posture it is an angle [rad], of a tare's load a multiple of `entered`.
+    kind: Kind
     saying: str  # what is said of it; the value goes into the braces, if there are any
     entered: float  # the value then; of an angle [deg]
     spread: float  # standard deviation of the amount's prior about 0; 0 where the amount is known to be 1
     least: float  # that the amount is at least
     # (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases, rotations)
-    # of joint angles.
+    # of joint angles; of what hung at a tare (cases, muscles) its tension [N], which the readings lack.
     acts: Floats
     above: float = -1.0  # that the amount is more than
     amend: tuple[Amend, ...] = ()  # amendments that put it right; none where its amount is only estimated
@@ -52,15 +64,19 @@ class Change:
     @property
     def words(self) -> str:
         """What is said of it."""
-        is_angle = self.kind == "posture"
-        return self.saying.format(
-            self.entered + np.rad2deg(self.amount) if is_angle else self.entered * (1.0 + self.amount)
-        )
+        if self.kind == "posture":
+            return self.saying.format(self.entered + np.rad2deg(self.amount))
+        return self.saying.format(self.entered * (self.amount + (not self.is_sum)))
 
     @property
     def unit(self) -> float:
         """Of the amount, by which it is told further once it is put right."""
-        return 1.0 if self.kind == "posture" else 1.0 + self.amount
+        return 1.0 if self.is_sum else 1.0 + self.amount
+
+    @property
+    def is_sum(self) -> bool:
+        """Whether the amount is added to what was entered, which else is multiplied."""
+        return self.kind in ("posture", "tare_weight")
 
     @property
     def cases(self) -> Mask:
@@ -75,7 +91,7 @@ class Change:
 
 def changes(session: Session) -> list[Change]:
     """What may be another by an amount."""
-    return [*_gains(session), *_weights(session), *_joint_angles(session)]
+    return [*_gains(session), *_weights(session), *_joint_angles(session), *_hung_at_tares(session)]
 
 
 def _gains(session: Session) -> Iterator[Change]:
@@ -141,6 +157,24 @@ def _joint_angles(session: Session) -> Iterator[Change]:
             yield Change("posture", words, entered, WRONG_ANGLE_RAD, LEAST_ANGLE_RAD, here, above=-np.pi)
 
 
+def _hung_at_tares(session: Session) -> Iterator[Change]:
+    """What hung on one tendon while a tare of several cases was taken: their readings lack it."""
+    o, muscles = session.observations, session.model.finger.topology.muscles
+    keys = zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), map(bytes, o.tared), strict=True)
+    blocks = [list(of_tare) for _, of_tare in groupby(enumerate(keys), lambda of: of[1])]
+    blocks = [block for block in blocks if len(block) > 1]
+    newton = np.asarray(o.inputs.weight)
+    for m, muscle in enumerate(muscles) if len(blocks) <= MOST_BLOCKS else ():
+        usual = float(np.median([masses[muscle] for masses in o.masses_g if masses.get(muscle)] or [0.0]))
+        for block in blocks if usual else ():
+            cases = [case for case, _ in block]
+            pull = np.zeros((len(o.ids), len(muscles)))
+            pull[cases, m] = usual * newton[cases]
+            place = f"from {o.ids[cases[0]]} to {o.ids[cases[-1]]} ({o.postures[cases[0]]}, {o.locations[cases[0]]})"
+            words = f"about {{:.0f}} g hung on {muscle} while the tare was taken for the cases {place}"
+            yield Change("tare_weight", words, usual, 1.0, LEAST_AMOUNT, pull, above=0.0)
+
+
 def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:
     """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
 
@@ -168,7 +202,11 @@ def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floa
     """(n, k) change of the readings per unit of a further amount of each, at some parameters."""
     out = list[Floats]()
     reading = session.changes.readings(theta)
-    slopes = {"weight": session.changes.by_tension, "posture": session.changes.by_angle}
+    slopes = {
+        "weight": session.changes.by_tension,
+        "posture": session.changes.by_angle,
+        "tare_weight": session.changes.less_by_newton,
+    }
     kinds = {change.kind for change in changes}
     by_input = {kind: slopes_at(theta) for kind, slopes_at in slopes.items() if kind in kinds}
     for change in changes:

@@ -114,8 +114,10 @@ class Entries:
         o, factor = self.session.observations, 1.0 + change.amount * change.acts
         if change.kind != "gain":
             tension, posture = np.asarray(o.inputs.tension), np.asarray(o.inputs.posture)
-            is_angle = change.kind == "posture"
-            other = _with(o, posture=posture + factor - 1.0) if is_angle else _with(o, tension=factor * tension)
+            if change.kind == "posture":
+                other = _with(o, posture=posture + factor - 1.0)
+            else:
+                other = _with(o, tension=tension - (factor - 1.0) if change.is_sum else factor * tension)
             found = self._one(change.kind, change.words, other, change.amend)
             return replace(found, change=change if change.spread else None)
         here = factor[self.session.rows // 6, 0]

@@ -65,7 +65,8 @@ def _of_rig(fit: Optimum, found: Everything, improbable: float = P_VALUE) -> str
     for name, span in zip(found.names, fit.spans(found.names), strict=True):
         each = np.abs(found.mean[span])
         if name in usual and each.size:
-            said = f"one error ({OTHER_SCATTER[name].title}) would have to be"
+            where = _in_cases(fit, name, int(np.argmax(each)))
+            said = f"one error ({OTHER_SCATTER[name].title}{where}) would have to be"
             off[said] = float(each.max() / usual[name])
             chance[said] = 2.0 * ndtr(-off[said])
             count += each.size
@@ -73,6 +74,16 @@ def _of_rig(fit: Optimum, found: Everything, improbable: float = P_VALUE) -> str
     if not least or chance[least] * count >= improbable:
         return ""
     return f"{least} {off[least]:.3g} times what is stated, or usual"
+
+
+def _in_cases(fit: Optimum, name: str, column: int) -> str:
+    """Cases in which one error by group acts, where they follow one another."""
+    session = fit.session
+    cases = np.unique(session.rows[session.columns(name)[:, column] != 0.0] // 6)
+    if len(cases) < 2 or cases[-1] - cases[0] >= len(cases):
+        return ""
+    first, last = (session.observations.ids[case] for case in cases[[0, -1]])
+    return f", from {first} to {last}"
 
 
 def _of_anatomy(fit: Optimum, found: Everything) -> str:

@@ -24,6 +24,7 @@ FAULT_REMEDY = {
     "gain": "hang a known weight on the cell at both mounts",
     "weight": "weigh the weights again, and see that they hang free",
     "tare": "look whether the recording was tared already",
+    "tare_weight": "measure these cases again after a tare with nothing hanging",
 }
 
 
