@@ -180,6 +180,13 @@ def weights_of_a_tendon(session: Recorded, rng: Rng) -> None:
         case["masses_g"] = {m: 0.5 * g if m == tendon else g for m, g in case["masses_g"].items()}
 
 
+def hanger_counted(session: Recorded, rng: Rng) -> None:
+    """Count a hanger in every mass that did not hang."""
+    grams = float(rng.uniform(10.0, 30.0))
+    for case in session.document["cases"]:
+        case["masses_g"] = {m: g + grams for m, g in case["masses_g"].items()}
+
+
 def rows(session: Recorded, rng: Rng) -> None:
     """Enter the load of one case some rows too high or too low, so that each between is one row off."""
     stretches: dict[tuple[str, str], list[dict[str, Any]]] = {}
@@ -275,6 +282,7 @@ FAULTS: dict[Fault, str] = {
     every_angle_in_radians: "posture",
     mass_unit: "mass_unit",
     weights_of_a_tendon: "weight",
+    hanger_counted: "weight",
     rows: "rows",
     moments_in_Nm: "unit",
     axes: "axes",

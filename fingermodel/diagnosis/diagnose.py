@@ -232,6 +232,7 @@ def _apart(
     What such a fault does to a case is no slip.
     """
     odds, slips = dict(searched.bad), dict(searched.slips)
+    again = right.offer.again if right else frozenset[int]()
     if right is not None:
         checked = right.predicted
         odds, slips = odds_of_taken(right.fit.bad, [right.fit], right.fit)
@@ -239,7 +240,8 @@ def _apart(
     if not checked.vetoes:
         odds |= checked.bad
         slips |= checked.slips
-    return {case: (p, slips.get(case)) for case, o in odds.items() if (p := float(expit(o))) >= 0.5}
+    apart = {case: float(expit(o)) for case, o in odds.items() if case not in again}
+    return {case: (p, slips.get(case)) for case, p in apart.items() if p >= 0.5}
 
 
 def added_by(posterior: Posterior, verdict: Verdict) -> Optimum:

@@ -15,6 +15,7 @@ from benchmarks.recorded import Recorded
 from benchmarks.session_faults import (
     every_angle_in_radians,
     gain_of,
+    hanger_counted,
     joints_everywhere,
     joints_in_a_posture,
     mistyped_angle,
@@ -61,6 +62,7 @@ from tests.simulator import draw_session
         ),
         (mistyped_angle, "posture", "was about "),
         pytest.param(weights_of_a_tendon, "weight", "times what was entered", marks=pytest.mark.full),
+        pytest.param(hanger_counted, "weight", " g lighter than entered", marks=pytest.mark.full),
         pytest.param(rows, "rows", "each load was entered one row too ", marks=pytest.mark.full),
         (moments_in_Nm, "unit", "the moments are in N m"),
         (unseen_sign, "posture", "has the other sign"),

@@ -48,16 +48,16 @@ class Amend:
 class Change:
     """What is another than was entered by an amount: a gain, a weight, two exchanged ones, an angle, a tare's load."""
 
-    # Of fault. The amount is relative; of a posture it is an angle [rad], of a tare's load a multiple of `entered`.
-    kind: Kind
+    kind: Kind  # of fault; of a posture the amount is an angle [rad], else it is relative
     saying: str  # what is said of it; the value goes into the braces, if there are any
     entered: float  # the value then; of an angle [deg]
     spread: float  # standard deviation of the amount's prior about 0; 0 where the amount is known to be 1
     least: float  # that the amount is at least
     # (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases, rotations)
-    # of joint angles; of what hung at a tare (cases, muscles) its tension [N], which the readings lack.
+    # of joint angles; of a load that the readings lack (cases, muscles) its tension [N].
     acts: Floats
     above: float = -1.0  # that the amount is more than
+    lacks: bool = False  # whether it is a load that the readings lack
     amend: tuple[Amend, ...] = ()  # amendments that put it right; none where its amount is only estimated
     amount: float = 0.0  # as the readings tell it; 0 where nothing is put right
 
@@ -76,7 +76,7 @@ class Change:
     @property
     def is_sum(self) -> bool:
         """Whether the amount is added to what was entered, which else is multiplied."""
-        return self.kind in ("posture", "tare_weight")
+        return self.lacks or self.kind == "posture"
 
     @property
     def cases(self) -> Mask:
@@ -106,7 +106,7 @@ def _gains(session: Session) -> Iterator[Change]:
 def _weights(session: Session) -> Iterator[Change]:
     """Each weight, on one tendon or all; a piece of all heavier loads; all of one tendon; two exchanged.
 
-    What is in all loads is a hanger, and friction cannot make all of one tendon more.
+    What all loads have besides is a hanger, an effect; what all lack is not. Friction cannot make all of a tendon more.
     """
     muscles = session.model.finger.topology.muscles
     mass_g = np.array([[of_case.get(m, 0.0) for m in muscles] for of_case in session.observations.masses_g])
@@ -124,6 +124,10 @@ def _weights(session: Session) -> Iterator[Change]:
         here = np.divide(weight, mass_g, out=np.zeros_like(mass_g), where=mass_g >= weight)
         words = f"a piece that is in all loads of {weight:g} g and more is off: {weight:g} g weigh {{:.0f}} g"
         yield Change("weight", words, weight, AMOUNT, LEAST_AMOUNT, here)
+    if used:
+        lighter = np.where(mass_g > 0.0, used[0] * np.asarray(session.observations.inputs.weight)[:, None], 0.0)
+        words = "every load is {:.0f} g lighter than entered, as by a hanger that is counted and does not hang"
+        yield Change("weight", words, used[0], AMOUNT, LEAST_AMOUNT, lighter, above=0.0, lacks=True)
     for m, muscle in enumerate(muscles):
         if len(np.unique(mass_g[mass_g[:, m] > 0.0, m])) > 1:
             here = (mass_g > 0.0) * (np.arange(len(muscles)) == m).astype(float)
@@ -172,7 +176,7 @@ def _hung_at_tares(session: Session) -> Iterator[Change]:
             pull[cases, m] = usual * newton[cases]
             place = f"from {o.ids[cases[0]]} to {o.ids[cases[-1]]} ({o.postures[cases[0]]}, {o.locations[cases[0]]})"
             words = f"about {{:.0f}} g hung on {muscle} while the tare was taken for the cases {place}"
-            yield Change("tare_weight", words, usual, 1.0, LEAST_AMOUNT, pull, above=0.0)
+            yield Change("tare_weight", words, usual, 1.0, LEAST_AMOUNT, pull, above=0.0, lacks=True)
 
 
 def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:
@@ -202,17 +206,12 @@ def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floa
     """(n, k) change of the readings per unit of a further amount of each, at some parameters."""
     out = list[Floats]()
     reading = session.changes.readings(theta)
-    slopes = {
-        "weight": session.changes.by_tension,
-        "posture": session.changes.by_angle,
-        "tare_weight": session.changes.less_by_newton,
-    }
-    kinds = {change.kind for change in changes}
-    by_input = {kind: slopes_at(theta) for kind, slopes_at in slopes.items() if kind in kinds}
-    for change in changes:
-        if change.kind in by_input:
-            changed = np.einsum("crk,ck->cr", by_input[change.kind], change.acts)
-        else:
-            changed = reading * change.acts
+    of = session.changes
+    slopes = {"weight": of.by_tension, "posture": of.by_angle, "lacks": of.less_by_newton}
+    inputs = ["lacks" if change.lacks else change.kind for change in changes]
+    by_input = {name: slopes_at(theta) for name, slopes_at in slopes.items() if name in inputs}
+    for change, name in zip(changes, inputs, strict=True):
+        by_unit = by_input.get(name)
+        changed = reading * change.acts if by_unit is None else np.einsum("crk,ck->cr", by_unit, change.acts)
         out.append(changed.reshape(-1)[session.rows])
     return np.array(out).reshape(-1, len(session.rows)).T

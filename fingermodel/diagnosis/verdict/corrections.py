@@ -65,6 +65,13 @@ class Corrected:
         """Which of its kind it is, whatever its amount."""
         return self.change.saying if self.change else self.words
 
+    @property
+    def again(self) -> frozenset[int]:
+        """Cases to be measured again whatever they read: what their tare lacks is taken to scatter with their load."""
+        if self.change is None or self.kind != "tare_weight":
+            return frozenset()
+        return frozenset(np.flatnonzero(self.change.cases).tolist())
+
 
 @dataclass(frozen=True, eq=False)
 class Entries:
@@ -117,7 +124,7 @@ class Entries:
             if change.kind == "posture":
                 other = _with(o, posture=posture + factor - 1.0)
             else:
-                other = _with(o, tension=tension - (factor - 1.0) if change.is_sum else factor * tension)
+                other = _with(o, tension=tension - (factor - 1.0) if change.lacks else factor * tension)
             found = self._one(change.kind, change.words, other, change.amend)
             return replace(found, change=change if change.spread else None)
         here = factor[self.session.rows // 6, 0]

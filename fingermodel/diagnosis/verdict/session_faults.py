@@ -33,6 +33,8 @@ from fingermodel.diagnosis.verdict.verdict import explains_with_rig_as_stated
 
 # Faults that are fitted, of those that promise most.
 _FITTED = 2
+# Most times that the likeliest is fitted while its amount moves.
+_ROUNDS = 4
 # Relative move of a changed value from which the session is fitted again with it.
 _MOVED = 0.02
 
@@ -122,10 +124,17 @@ def put_right(candidates: Candidates, nothing: Optimum, before: Sequence[PutRigh
     slips = [frozenset[int](), nothing.bad]
     if alone[likeliest].log_posterior > nothing.log_posterior:
         slips.append(bad_in(Beginner(_with_readings(session, likeliest.observations), candidates).gross()))
-    for bad in dict.fromkeys(slips):
-        base = _base(candidates, nothing, likeliest, bad) if bad else bases[likeliest]
-        beside = _fitted(nothing, likeliest, possible.prior(likeliest.kind), base, 2)
-        alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
+    beside = [
+        _fitted(
+            nothing,
+            likeliest,
+            possible.prior(likeliest.kind),
+            _base(candidates, nothing, likeliest, bad) if bad else bases[likeliest],
+            _ROUNDS,
+        )
+        for bad in dict.fromkeys(slips)
+    ]
+    alone[likeliest] = max(beside, key=lambda put: put.log_posterior)
     return list(alone.values())
 
 
@@ -313,7 +322,14 @@ def _fitted(
 ) -> PutRight:
     """Weigh the base model with a fault put right; in rounds, while its amount moves, one effect beside it as well."""
     session, (fitter, best) = nothing.session, base
-    candidates = fitter.candidates
+    candidates, log_gain = fitter.candidates, 0.0
+    if offer.change:
+        ((change, log_gain),) = told(best, best.best, [offer.change])
+        moved = (change.amount - offer.change.amount) / offer.change.unit
+        if rounds > 1 and change.counts and abs(moved) > _MOVED:
+            again = Entries(session, session.problem.centre).put_right(change)
+            return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
+        offer = replace(offer, words=change.words)
     alone = log_posterior = best.log_posterior
     fitted = float(offer.log_units[session.fitted].sum())
     if rounds and alone + fitted >= nothing.log_posterior:
@@ -324,14 +340,6 @@ def _fitted(
         beside = fitter.fit(single, best.expected(single, node), node, best.bad, leader=nothing.log_posterior)
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
-    log_gain = 0.0
-    if offer.change:
-        ((change, log_gain),) = told(best, best.best, [offer.change])
-        moved = (change.amount - offer.change.amount) / offer.change.unit
-        if rounds > 1 and change.counts and abs(moved) > _MOVED:
-            again = Entries(session, session.problem.centre).put_right(change)
-            return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
-        offer = replace(offer, words=change.words)
     value = log_share + fitted + log_posterior + log_gain
     without = session if offer.sound is None else _with_readings(session, offer.sound)
     return PutRight(offer, value, best, Fitter(without, candidates, nothing.hyper))
