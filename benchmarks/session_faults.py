@@ -254,11 +254,24 @@ def zero_before_each_weight(session: Recorded) -> None:
 
 def weight_at_a_tare(session: Recorded, rng: Rng) -> None:
     """Leave a part of a load on one tendon hanging while the tare of its posture and mount is taken."""
+    change, case = _part_of_a_load(session, rng)
+    session.values[session.within(case, "unloaded_s")] += change
+
+
+def weight_left_hanging(session: Recorded, rng: Rng) -> None:
+    """Leave a part of a load on one tendon hanging, after the tare, in all cases of its posture and mount."""
+    change, case = _part_of_a_load(session, rng)
+    for other in session.document["cases"]:
+        if other["unloaded_s"] == case["unloaded_s"]:
+            session.values[session.within(other, "loaded_s")] += change
+
+
+def _part_of_a_load(session: Recorded, rng: Rng) -> tuple[Floats, dict[str, Any]]:
+    """What a part of a load on one tendon changes (6,) [N, N mm], and the case that has the load."""
     cases = [c for c in session.document["cases"] if len(c["masses_g"]) == 1 and c["role"] == "identification"]
     case = cases[int(rng.integers(len(cases)))]
-    loaded, tare = (session.within(case, window) for window in ("loaded_s", "unloaded_s"))
-    share = float(rng.uniform(0.3, 1.0))
-    session.values[tare] += share * (session.values[loaded].mean(axis=0) - session.values[tare].mean(axis=0))
+    loaded, tare = (session.values[session.within(case, window)].mean(axis=0) for window in ("loaded_s", "unloaded_s"))
+    return float(rng.uniform(0.3, 1.0)) * (loaded - tare), case
 
 
 Fault = Callable[[Recorded, Rng], None]
@@ -291,6 +304,7 @@ FAULTS: dict[Fault, str] = {
     gain: "gain",
     tare_twice: "tare",
     weight_at_a_tare: "tare_weight",
+    weight_left_hanging: "weight",
 }
 
 

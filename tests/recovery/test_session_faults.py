@@ -32,6 +32,7 @@ from benchmarks.session_faults import (
     unseen_radians,
     unseen_sign,
     weight_at_a_tare,
+    weight_left_hanging,
     weights_of_a_tendon,
     zero_before_each_weight,
 )
@@ -67,6 +68,7 @@ from tests.simulator import draw_session
         (moments_in_Nm, "unit", "the moments are in N m"),
         (unseen_sign, "posture", "has the other sign"),
         (weight_at_a_tare, "tare_weight", " while the tare was taken for the cases from "),
+        pytest.param(weight_left_hanging, "weight", " besides in all cases from ", marks=pytest.mark.full),
         pytest.param(unseen_radians, "posture", "in radians", marks=pytest.mark.full),
     ],
 )

@@ -22,6 +22,7 @@ from fingermodel.diagnosis.session_model.candidates import Explanation, free_mas
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, Whitened
+from fingermodel.diagnosis.settings import LEVER_MM
 from fingermodel.fitting.fit_report import held_at_bound
 from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of_one_plus
@@ -139,10 +140,22 @@ class Linearised:
         """What all members change together [N], in the same sense."""
         return self.size_newton(np.sum(self.changes, axis=0))
 
+    @property
+    def newton_mm(self) -> float:
+        """What all members change the moments together [N mm], where that is what they mostly change; else 0."""
+        if not self.changes:
+            return 0.0
+        size = self._size(np.sum(self.changes, axis=0), moments=True)
+        return size if size > LEVER_MM * self.newton else 0.0
+
     def size_newton(self, change: Floats) -> float:
         """Size [N] of a change (cases, 6): RMS over the fitted force components that it touches."""
+        return self._size(change, moments=False)
+
+    def _size(self, change: Floats, *, moments: bool) -> float:
+        """RMS over the fitted forces [N] or moments [N mm] that a change (cases, 6) touches."""
         session = self.session
-        values = change.reshape(-1)[session.rows[session.fitted & (session.rows % 6 < 3)]]
+        values = change.reshape(-1)[session.rows[session.fitted & ((session.rows % 6 >= 3) == moments)]]
         touched = np.abs(values) > _TOUCHED * max(np.abs(values).max(initial=0.0), 1e-12)
         return float(np.sqrt(np.mean(values[touched] ** 2))) if touched.any() else 0.0
 

@@ -1,4 +1,4 @@
-"""What may be another than was entered by an amount: a mount's gain, a weight, an angle, what hung at a tare."""
+"""What may be another than was entered by an amount: a mount's gain, a weight, an angle, what was left hanging."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Change:
     spread: float  # standard deviation of the amount's prior about 0; 0 where the amount is known to be 1
     least: float  # that the amount is at least
     # (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases, rotations)
-    # of joint angles; of a load that the readings lack (cases, muscles) its tension [N].
+    # of joint angles; of a load that the readings lack (cases, muscles) its tension [N], less than 0 where it is more.
     acts: Floats
     above: float = -1.0  # that the amount is more than
     lacks: bool = False  # whether it is a load that the readings lack
@@ -91,7 +91,7 @@ class Change:
 
 def changes(session: Session) -> list[Change]:
     """What may be another by an amount."""
-    return [*_gains(session), *_weights(session), *_joint_angles(session), *_hung_at_tares(session)]
+    return [*_gains(session), *_weights(session), *_joint_angles(session), *_left_hanging(session)]
 
 
 def _gains(session: Session) -> Iterator[Change]:
@@ -161,12 +161,12 @@ def _joint_angles(session: Session) -> Iterator[Change]:
             yield Change("posture", words, entered, WRONG_ANGLE_RAD, LEAST_ANGLE_RAD, here, above=-np.pi)
 
 
-def _hung_at_tares(session: Session) -> Iterator[Change]:
-    """What hung on one tendon while a tare of several cases was taken: their readings lack it."""
+def _left_hanging(session: Session) -> Iterator[Change]:
+    """What hung on one tendon while a tare of several cases was taken, so that their readings lack it, or after it."""
     o, muscles = session.observations, session.model.finger.topology.muscles
     keys = zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), map(bytes, o.tared), strict=True)
     blocks = [list(of_tare) for _, of_tare in groupby(enumerate(keys), lambda of: of[1])]
-    blocks = [block for block in blocks if len(block) > 1]
+    blocks = [block for block in blocks if len(block) > 1 and o.roles[block[0][0]] != "check"]
     newton = np.asarray(o.inputs.weight)
     for m, muscle in enumerate(muscles) if len(blocks) <= MOST_BLOCKS else ():
         usual = float(np.median([masses[muscle] for masses in o.masses_g if masses.get(muscle)] or [0.0]))
@@ -177,6 +177,8 @@ def _hung_at_tares(session: Session) -> Iterator[Change]:
             place = f"from {o.ids[cases[0]]} to {o.ids[cases[-1]]} ({o.postures[cases[0]]}, {o.locations[cases[0]]})"
             words = f"about {{:.0f}} g hung on {muscle} while the tare was taken for the cases {place}"
             yield Change("tare_weight", words, usual, 1.0, LEAST_AMOUNT, pull, above=0.0, lacks=True)
+            words = f"about {{:.0f}} g hung on {muscle} besides in all cases {place}"
+            yield Change("weight", words, usual, 1.0, LEAST_AMOUNT, -pull, above=0.0, lacks=True)
 
 
 def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:

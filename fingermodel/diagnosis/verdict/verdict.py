@@ -152,7 +152,8 @@ def _found(
     explain = "explain" if len(names) > 1 else "explains"
     reasons = [
         f"{words(names)} {explain} the readings: misfit {before:.0f} falls to {after:.0f} for "
-        f"{len(fit.residual)} readings; it changes the forces by {fit.newton:.3f} N (RMS)."
+        f"{len(fit.residual)} readings; it changes the forces by {fit.newton:.3f} N (RMS)"
+        f"{f', the moments by {fit.newton_mm:.1f} N mm' if fit.newton_mm else ''}."
     ]
     alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
     if alike:
@@ -248,9 +249,8 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
     alone = [f", in {carrier} alone" for carrier, p in posterior.carriers.items() if p >= 0.5]
-    said = (
-        f"Something of about {posterior.beyond_newton:.2g} N acts that no effect here describes{''.join(alone)}{looks}."
-    )
+    size = f"{leader.newton_mm:.2g} N mm" if leader.newton_mm else f"{posterior.beyond_newton:.2g} N"
+    said = f"Something of about {size} acts that no effect here describes{''.join(alone)}{looks}."
     if (best := next(iter(known), None)) and known[best] >= 0.5:
         said = (
             f"Most of it looks like {best.name} (probability {min(known[best], 1.0):.2f}), "

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import get_args
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.hyper import Hyperparameters
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.verdict.changes import Kind
+from fingermodel.diagnosis.verdict.changes import Kind, changes, told
 from fingermodel.diagnosis.verdict.corrections import Entries
 from fingermodel.diagnosis.verdict.instruments import FAULT_REMEDY
 from fingermodel.session import Session
@@ -44,6 +48,29 @@ def test_a_fault_of_tares_is_held_against_readings_with_as_little_noise() -> Non
         assert fault.sound is not None
         off = o.wrench + tared - fault.sound.wrench - step
         assert np.nanmax(np.abs(off)) < 0.004
+
+
+@pytest.mark.parametrize(("saying", "sign"), [("while the tare was taken", -1.0), ("besides in all cases", 1.0)])
+def test_a_load_that_was_left_hanging_is_told_with_its_weight(saying: str, sign: float) -> None:
+    bench = Session.open("DEV-01")
+    o, muscles = bench.observations, bench.model.finger.topology.muscles
+    session = session_of(bench.model, o)
+    about = [c for c in changes(session) if saying in c.saying and " FDP " in c.saying]
+    block = about[0].cases
+    assert len(about) == (np.unique(o.tared, axis=0, return_counts=True)[1] > 1).sum()
+    tension = np.array(o.inputs.tension)
+    tension[block, muscles.index("FDP")] += sign * 200.0 * np.asarray(o.inputs.weight)[block]
+    read = bench.model.predict(o.inputs._replace(tension=jnp.asarray(tension)), session.problem.centre).reading
+    wrong = session_of(bench.model, replace(o, wrench=np.asarray(read)))
+    hyper = Hyperparameters.of(wrong)
+    fitter = Fitter(wrong, Candidates.of(bench.model), hyper)
+    fit = fitter.linearised(NOTHING, wrong.problem.centre, hyper.start(0), frozenset(), 0.0)
+    gains = told(fit, fit.node, about)
+    assert max(gains, key=lambda of: of[1])[0].cases.tolist() == block.tolist()
+    assert "about 200 g hung on FDP" in gains[0][0].words
+    # Put right, nothing is left to explain.
+    right = Entries(wrong, wrong.problem.centre).put_right(gains[0][0])
+    assert np.abs(right.away).max() < 0.02 * np.abs(Entries(wrong, wrong.problem.centre).away).max()
 
 
 @pytest.mark.parametrize("kind", get_args(Kind))
