@@ -50,7 +50,7 @@ class Change:
 
     kind: Kind  # of fault; of a posture the amount is an angle [rad], else it is relative
     saying: str  # what is said of it; the value goes into the braces, if there are any
-    entered: float  # the value then; of an angle [deg]
+    entered: float  # the value then; of an angle [deg]; of a load that was left hanging, what the amount is relative to
     spread: float  # standard deviation of the amount's prior about 0; 0 where the amount is known to be 1
     least: float  # that the amount is at least
     # (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases, rotations)
