@@ -71,7 +71,7 @@ export function oneCase({ session, path, model, changed, signal }) {
       if (!typed) draw(c);
       else if (!stale) node.prepend(el("p", { class: "warn stale", role: "status" }, "This case was changed meanwhile. ", el("button", { onclick: () => draw(c) }, "Show it as it is now")));
     } catch (error) {
-      if (error.name !== "AbortError" && !typed) fill(node, problem(error));
+      if (error.name !== "AbortError" && shown === id && !typed) fill(node, problem(error));
     }
   }
 

@@ -27,6 +27,7 @@ export async function view(main, { session, asked }) {
   const turn = turns();
   let cases = [];
   let first = true;
+  let listed = null;
   const only = { role: asked.role || "", location: asked.location || "", posture: asked.posture || "", muscles: asked.muscles || "" };
   const head = el("div", { "aria-live": "polite" });
   const summary = el("div");
@@ -71,6 +72,7 @@ export async function view(main, { session, asked }) {
       if (error.name === "AbortError") return;
       fill(head, problem(error), el("button", { onclick: load }, "Try again"), " ", el("a", { class: "button", href: "#/" }, "To the sessions"));
       for (const place of [summary, rows, drawn, filters]) fill(place);
+      listed = null;
       one.none("Nothing to show.");
     }
   }
@@ -118,6 +120,10 @@ export async function view(main, { session, asked }) {
     const shown = cases.filter((c) => FILTERS.every(([name, , of]) => !only[name] || of(c) === only[name]) && (!these || these.includes(c.id)))
       .map((c) => ({ ...c, residual_N: null, z: null, z_sagittal: null, ...compared.get(c.id) }));
     const found = shown.map((c) => zOf(c, body)).filter((z) => z !== null);
+    // Drawn anew while a button is pressed, it would lose the click.
+    const now = JSON.stringify([shown, found, cases.length, picked, body?.residuals_after]);
+    if (now === listed) return;
+    listed = now;
     const rms = found.length ? `, root mean square ${number(Math.sqrt(found.reduce((s, z) => s + z * z, 0) / found.length), 1)}` : "";
     fill(rows, table([
       { title: "case", cell: (c) => c.id }, { title: "role", cell: (c) => c.role }, { title: "posture", cell: (c) => words(c.posture) },

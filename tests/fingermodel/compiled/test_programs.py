@@ -20,6 +20,7 @@ from jax import Array
 from fingermodel.budget import Budget
 from fingermodel.comparison.observations import Observations
 from fingermodel.compiled import programs
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.compiled.programs import stored
 from fingermodel.effects.user import load_effect
 from fingermodel.fingers import Topology
@@ -97,6 +98,14 @@ def test_a_damaged_file_is_traced_anew(cache: Path, damage: bytes | None) -> Non
     after: list[int] = []
     assert float(program(after)(Shape(2), np.arange(3.0)).total) == 5.0
     assert not after
+
+
+def test_what_a_killed_process_left_empty_is_removed(cache: Path) -> None:
+    """JAX would complain of it at every start."""
+    for name, content in (("jit_one-1f-cache", b""), ("jit_two-2e-cache", b"x"), ("notes", b"")):
+        (cache.parent / name).write_bytes(content)
+    prepare_jax()
+    assert {file.name for file in cache.parent.iterdir()} == {"jit_two-2e-cache", "notes"}
 
 
 def test_a_place_that_cannot_be_written_is_no_error(cache: Path) -> None:
