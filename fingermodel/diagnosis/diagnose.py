@@ -232,9 +232,9 @@ def _apart(
     What such a fault does to a case is no slip.
     """
     odds, slips = dict(searched.bad), dict(searched.slips)
-    again = right.offer.again if right else frozenset[int]()
+    again = frozenset[int]()
     if right is not None:
-        checked = right.predicted
+        checked, again = right.predicted, right.offer.again
         odds, slips = odds_of_taken(right.fit.bad, [right.fit], right.fit)
     # So many among the validation cases as slips can hardly be say that the prediction is wrong, not the cases.
     if not checked.vetoes:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 
 import jax
 import numpy as np
@@ -224,6 +225,13 @@ def postures_in_use(observations: Observations) -> list[str]:
     """Postures of the cases; none where they are so many that a block of cases is hardly more than one."""
     names = list(observations.posture_angles)
     return names if len(names) <= MOST_BLOCKS else []
+
+
+def set_up_once(observations: Observations, *further: Iterable[Hashable]) -> list[list[int]]:
+    """Runs of cases for which the finger was set up once, alike in what further is given of each case."""
+    o = observations
+    each = list(zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), *further, strict=True))
+    return [list(alike) for _, alike in groupby(range(len(each)), each.__getitem__)]
 
 
 def of_label(labels: Sequence[str], label: str) -> Mask:

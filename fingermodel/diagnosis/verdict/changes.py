@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, groupby, product
+from itertools import combinations, product
 from typing import Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from fingermodel.arrays import Floats, Mask
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use
+from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use, set_up_once
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, WRONG_ANGLE_RAD
 
@@ -164,14 +164,12 @@ def _joint_angles(session: Session) -> Iterator[Change]:
 def _left_hanging(session: Session) -> Iterator[Change]:
     """What hung on one tendon while a tare of several cases was taken, so that their readings lack it, or after it."""
     o, muscles = session.observations, session.model.finger.topology.muscles
-    keys = zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), map(bytes, o.tared), strict=True)
-    blocks = [list(of_tare) for _, of_tare in groupby(enumerate(keys), lambda of: of[1])]
-    blocks = [block for block in blocks if len(block) > 1 and o.roles[block[0][0]] != "check"]
+    blocks = set_up_once(o, map(bytes, o.tared))
+    blocks = [cases for cases in blocks if len(cases) > 1 and o.roles[cases[0]] != "check"]
     newton = np.asarray(o.inputs.weight)
     for m, muscle in enumerate(muscles) if len(blocks) <= MOST_BLOCKS else ():
         usual = float(np.median([masses[muscle] for masses in o.masses_g if masses.get(muscle)] or [0.0]))
-        for block in blocks if usual else ():
-            cases = [case for case, _ in block]
+        for cases in blocks if usual else ():
             pull = np.zeros((len(o.ids), len(muscles)))
             pull[cases, m] = usual * newton[cases]
             place = f"from {o.ids[cases[0]]} to {o.ids[cases[-1]]} ({o.postures[cases[0]]}, {o.locations[cases[0]]})"

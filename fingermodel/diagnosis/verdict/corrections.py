@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, groupby, permutations, product
+from itertools import combinations, permutations, product
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +19,7 @@ from daq.vocabulary import OTHER_MOUNT
 from fingermodel.arrays import Floats, Mask
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
-from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use
+from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use, set_up_once
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import LONGEST_MM, at_other_mount
 from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_ANGLE_RAD, P_VALUE
@@ -118,17 +118,17 @@ class Entries:
 
     def put_right(self, change: Change) -> Corrected:
         """The session with something by its amount another than was entered."""
-        o, factor = self.session.observations, 1.0 + change.amount * change.acts
+        o, further = self.session.observations, change.amount * change.acts
         if change.kind != "gain":
             tension, posture = np.asarray(o.inputs.tension), np.asarray(o.inputs.posture)
             if change.kind == "posture":
-                other = _with(o, posture=posture + factor - 1.0)
+                other = _with(o, posture=posture + further)
             else:
-                other = _with(o, tension=tension - (factor - 1.0) if change.lacks else factor * tension)
+                other = _with(o, tension=tension - further if change.lacks else (1.0 + further) * tension)
             found = self._one(change.kind, change.words, other, change.amend)
             return replace(found, change=change if change.spread else None)
-        here = factor[self.session.rows // 6, 0]
-        found = self._one(change.kind, change.words, _times(o, 1.0 / factor))
+        here = 1.0 + further[self.session.rows // 6, 0]
+        found = self._one(change.kind, change.words, _times(o, 1.0 / (1.0 + further)))
         return replace(found, away=here * found.away, log_units=-np.log(here), change=change)
 
     def _one(self, kind: Kind, words: str, observations: Observations, amend: tuple[Amend, ...] = ()) -> Corrected:
@@ -250,9 +250,7 @@ class Entries:
     @cached_property
     def _stretches(self) -> list[list[int]]:
         """Cases for which the finger was set up once, in their order; none where there are too many such stretches."""
-        o = self.session.observations
-        each = list(zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), strict=True))
-        found = [list(alike) for _, alike in groupby(range(len(each)), each.__getitem__)]
+        found = set_up_once(self.session.observations)
         return found if len(found) <= MOST_BLOCKS else []
 
     @cached_property
