@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 Floats = NDArray[np.float64]
@@ -38,6 +39,24 @@ def root_of_one_plus(gram: Floats) -> Floats:
     upper: Floats = np.asarray(np.linalg.qr(half.swapaxes(-1, -2), mode="r"))
     signs = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)
     return np.asarray((upper * signs[..., None]).swapaxes(-1, -2))
+
+
+def absorbed_by(columns: Floats) -> tuple[Floats, float]:
+    """What weights with N(0, 1) priors absorb, of columns C (n, k).
+
+    By Cholesky factors twice (CholeskyQR2; Yamamoto, Nakatsukasa, Yanagisawa & Fukaya 2015): with one alone rounding
+    grows with the square of the largest column, and may leave more of a further column than there is of it.
+
+    Returns:
+        V (k, n), such that the inverse of 1 + C Cᵀ is 1 - Vᵀ V, and ln det(1 + C Cᵀ).
+    """
+    count, weights = columns.shape
+    first = root_of_one_plus(columns.T @ columns)
+    basis = np.concatenate([columns.T, np.eye(weights)], axis=1)
+    basis = solve_triangular(first, basis, lower=True, overwrite_b=True, check_finite=False)
+    again = root_of(basis @ basis.T)
+    across = np.asarray(solve_triangular(again, basis[:, :count], lower=True, check_finite=False), dtype=np.float64)
+    return across, 2.0 * float(np.log(np.diag(first) * np.diag(again)).sum())
 
 
 def root_of(covariance: Floats) -> Floats:

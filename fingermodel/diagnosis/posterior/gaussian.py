@@ -1,7 +1,8 @@
-"""Gaussian algebra: weights with N(0, w²) priors whose columns explain readings, eliminated group by group.
+"""Gaussian algebra: weights with N(0, w²) priors whose columns explain readings.
 
-Everything is expressed by inner products of whitened columns, so the cost of a step does not depend on the number of
-readings. All factorisations are of 1 + w G w, which is positive definite for any positive semidefinite G.
+A misfit is expressed by inner products of whitened columns, so that freeing weights at other widths costs the same
+whatever the number of readings. Factorisations are of 1 + w G w, which is positive definite for any positive
+semidefinite G.
 """
 
 from __future__ import annotations
@@ -41,6 +42,20 @@ class Quadratic:
             value, np.sum([q.gradient for q in parts], axis=0), np.sum([q.hessian for q in parts], axis=0), log_det
         )
 
+    @classmethod
+    def beside(cls, across: Floats, left: Floats, columns: Floats, log_det: float) -> Quadratic:
+        """What readings whose noise is 1 say of further weights, beside others that are integrated out.
+
+        Args:
+            across: (l, n) of the others' columns (see `absorbed_by`).
+            left: (n,) readings with every one of the others at 0.
+            columns: (n, k) change of the readings by each further weight.
+            log_det: of the noise and of the others.
+        """
+        turned, plain = across @ columns, across @ left
+        gradient, hessian = columns.T @ left - turned.T @ plain, columns.T @ columns - turned.T @ turned
+        return cls(float(left @ left) - float(plain @ plain), gradient, hessian, log_det)
+
     def turned(self, order: Ints, sign: Floats) -> Quadratic:
         """The same of other weights: in another order, and of another sign."""
         hessian = self.hessian[np.ix_(order, order)] * sign[:, None] * sign
@@ -50,38 +65,6 @@ class Quadratic:
         """All weights with priors of one width about where they are, and what the last of them are."""
         count = len(self.gradient)
         return self.freed(np.full(count, size), np.zeros(count), last)
-
-    def eliminated(self, index: Ints, weight: Floats, x: Floats) -> Quadratic:
-        """Give some weights their priors, and leave them at their best.
-
-        Args:
-            index: (k,) which.
-            weight: (k,) widths w of their priors; 0 keeps one where it is.
-            x: (k,) where they stand now, in units of a width of 1.
-        """
-        factor, step, moving = self._solved(index, weight, x)
-        w, left = weight[weight > 0.0], np.ones(len(self.gradient), dtype=bool)
-        left[index] = False
-        across = w[:, None] * self.hessian[np.ix_(moving, left)]
-        across = solve_triangular(factor, across, lower=True, check_finite=False)
-        return Quadratic(
-            self.value + float(np.sum((x[weight > 0.0] / w) ** 2)) - float(step @ step),
-            self.gradient[left] - across.T @ step,
-            self.hessian[np.ix_(left, left)] - across.T @ across,
-            self.log_det + 2.0 * float(np.log(np.diag(factor)).sum()),
-        )
-
-    def _solved(self, index: Ints, weight: Floats, x: Floats) -> tuple[Floats, Floats, Ints]:
-        """Factor of 1 + w G w, step to the best weights turned by it, and which of the weights move."""
-        kept = weight > 0.0
-        moving, w = index[kept], weight[kept]
-        chosen = self.hessian if len(moving) == len(self.gradient) else self.hessian[moving[:, None], moving]
-        inner = chosen * w
-        inner *= w[:, None]
-        factor = root_of_one_plus(inner)
-        score = w * self.gradient[moving] - x[kept] / w
-        step = solve_triangular(factor, score, lower=True, check_finite=False)
-        return factor, np.asarray(step, dtype=np.float64), moving
 
     def at(self, moved: Ints, by: Floats) -> Quadratic:
         """The same after some weights have been moved, and counted from there."""
@@ -97,14 +80,18 @@ class Quadratic:
             x: (k,) where they stand now.
             last: how many of the last are wanted, all of which move.
         """
-        factor, step, moving = self._solved(np.arange(len(weight)), weight, x)
         kept = weight > 0.0
-        w, first = weight[kept][len(moving) - last :], len(moving) - last
-        misfit = self.value + float(np.sum((x[kept] / weight[kept]) ** 2)) - float(step @ step)
+        place, w = x[kept], weight[kept]
+        inner = (self.hessian if kept.all() else self.hessian[np.ix_(kept, kept)]) * w
+        inner *= w[:, None]
+        factor = root_of_one_plus(inner)
+        step = solve_triangular(factor, w * self.gradient[kept] - place / w, lower=True, check_finite=False)
+        misfit = self.value + float(np.sum((place / w) ** 2)) - float(step @ step)
         # The last block of a factor is that of the last weights alone, all others left open.
-        inner = factor[first:, first:]
-        inverse = solve_triangular(inner, np.diag(w), lower=True, check_finite=False) if last else np.zeros((0, 0))
-        mean = x[kept][first:] + inverse.T @ step[first:]
+        first = len(w) - last
+        own, wide = factor[first:, first:], np.diag(w[first:])
+        inverse = solve_triangular(own, wide, lower=True, check_finite=False) if last else np.zeros((0, 0))
+        mean = place[first:] + inverse.T @ step[first:]
         return Freed(misfit, self.log_det + 2.0 * float(np.log(np.diag(factor)).sum()), mean, inverse.T @ inverse)
 
 

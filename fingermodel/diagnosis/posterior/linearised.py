@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
@@ -25,7 +24,7 @@ from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, Whiten
 from fingermodel.diagnosis.settings import LEVER_MM
 from fingermodel.fitting.fit_report import held_at_bound
 from fingermodel.fitting.identification import slopes_of
-from fingermodel.fitting.roots import root_of_one_plus
+from fingermodel.fitting.roots import absorbed_by
 
 # Names of the blocks; `torque:`, … of something smooth and `form0`, … besides.
 HELD, BUDGET, ANATOMY = ACTING
@@ -55,6 +54,7 @@ class Linearised:
     _inner: dict[Node, Whitened] = field(default_factory=dict, init=False, repr=False)
     _steep: dict[Node, bool] = field(default_factory=dict, init=False, repr=False)
     _latest: dict[tuple[object, ...], Quadratic] = field(default_factory=dict, init=False, repr=False)
+    _effects: dict[tuple[tuple[str, ...], Node], Quadratic] = field(default_factory=dict, init=False, repr=False)
     _sizes: dict[str, int] = field(default_factory=dict, init=False, repr=False)
     # Of the validation readings, by the parameters about which they are linearised.
     _unseen: dict[bytes, tuple[Floats, Floats]] = field(default_factory=dict, init=False, repr=False)
@@ -67,7 +67,7 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for known in (self._inner, self._latest, self._unseen):
+        for known in (self._inner, self._latest, self._effects, self._unseen):
             known.clear()
         self.__dict__.pop("_steps", None)
 
@@ -269,18 +269,33 @@ class Linearised:
         Returns:
             V (k, n), such that the inverse covariance of the whitened readings is 1 - Vᵀ V, and (n,) what is left.
         """
-        names = [*self.acting(node), OWN]
-        blocks, residual = self.whitened_at(names, node)
-        left = residual + blocks @ self.places(names)
-        columns = blocks * self.widths(names, node)
-        return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
+        across, left, _ = self._absorbed([*self.acting(node), OWN], node)
+        return across, left
+
+    def _absorbed(self, names: Sequence[str], node: Node) -> tuple[Floats, Floats, float]:
+        """The same of some blocks alone, with the ln det that they add."""
+        columns, residual = self.whitened_at(names, node)
+        across, log_det = absorbed_by(columns * self.widths(names, node))
+        return across, residual + columns @ self.places(names), log_det
+
+    def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints]:
+        """All candidates' parameters, all else left open at a node, errors of form or not; and their indices."""
+        first = tuple(n for n in self.acting(node) if forms or not n.startswith("form"))
+        if (first, node) not in self._effects:
+            across, left, log_det = self._absorbed(first, node)
+            columns, _ = self.whitened_at([OWN, OTHERS], node)
+            log_det += self.whitening(node).log_det
+            self._effects[first, node] = Quadratic.beside(across, left, columns, log_det)
+        return self._effects[first, node], np.concatenate([self.parameters_of[OWN], self.parameters_of[OTHERS]])
 
     def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
         """What the readings say of each of further columns by itself: information (k,) and score (k,) of its weight.
 
         Columns and node are those of `quadratic_of`.
         """
-        new, turned, score = self._beside(columns, node)
+        (across, left), new = self.marginal(node), self.whitening(node) @ columns
+        turned = across @ new
+        score = new.T @ left - turned.T @ (across @ left)
         return np.maximum((new**2).sum(axis=0) - (turned**2).sum(axis=0), 0.0), score
 
     def quadratic_of(self, columns: Floats, node: Node) -> Quadratic:
@@ -290,14 +305,7 @@ class Linearised:
             columns: (fitted readings, k) change of the readings [N, N mm] per unit of each weight.
             node: of the hyperparameters.
         """
-        new, turned, score = self._beside(columns, node)
-        return Quadratic(0.0, score, new.T @ new - turned.T @ turned, 0.0)
-
-    def _beside(self, columns: Floats, node: Node) -> tuple[Floats, Floats, Floats]:
-        """Further columns whitened, and turned into what all that acts takes away of them; score of their weights."""
-        (across, left), new = self.marginal(node), self.whitening(node) @ columns
-        turned = across @ new
-        return new, turned, new.T @ left - turned.T @ (across @ left)
+        return Quadratic.beside(*self.marginal(node), self.whitening(node) @ columns, 0.0)
 
     def left_out_gains(self, columns: Floats, node: Node, spread: float) -> Floats:
         """Log density (k,) that further columns add to the cases, each case predicted from all others.

@@ -11,14 +11,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.diagnosis.posterior.gaussian import (
     Everything,
     Freed,
-    Quadratic,
     freed_by_columns,
     log_mass,
     log_mass_apart,
@@ -28,7 +26,7 @@ from fingermodel.diagnosis.posterior.hyper import ACTING, CARRIER, FORMS, GROUPS
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
 from fingermodel.diagnosis.session_model.candidates import Explanation, Member
 from fingermodel.diagnosis.settings import FAR, FORM_NAMED, WITHIN
-from fingermodel.fitting.roots import root_of_one_plus
+from fingermodel.fitting.roots import absorbed_by
 
 # Prior widths from its null at which a parameter begins of which nothing is known.
 _AWAY = 0.5
@@ -156,13 +154,6 @@ class Optimum(Linearised):
         """Of the explanation, hyperparameters summed; without a constant that all explanations share."""
         return float(logsumexp(list(self.nodes.values())))
 
-    def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints]:
-        """All candidates' parameters, all else left open at a node, errors of form or not; and their indices."""
-        first = [n for n in self.acting(node) if forms or not n.startswith("form")]
-        widths, whole = self.widths(first, node), self.quadratic([*first, OWN, OTHERS], node)
-        left = whole.eliminated(np.arange(len(widths)), widths, self.places(first))
-        return left, np.concatenate([self.parameters_of[OWN], self.parameters_of[OTHERS]])
-
     def promises(self, explanations: Sequence[Explanation], nodes: Collection[Node]) -> Floats:
         """Log evidence that the session linearised here promises explanations (S,), by the best of some nodes.
 
@@ -251,11 +242,11 @@ class Optimum(Linearised):
         """Share, 0 to 1, of each change (fitted readings, k), all columns together, that no anatomy or budget makes."""
         names = [name for name in self.acting(self.best) if name in (*ACTING, *GROUPS)]
         columns = self.whitened_at(names, self.best)[0] * self.widths(names, self.best)
-        root, out = root_of_one_plus(columns.T @ columns), list[float]()
+        (across, _), out = absorbed_by(columns), list[float]()
         whitening = self.whitening(self.best)
         for change in changes:
             new = whitening @ change
-            absorbed = solve_triangular(root, columns.T @ new, lower=True, check_finite=False)
+            absorbed = across @ new
             # Of the whole the tares have taken their part already.
             own, whole = float((new**2).sum() - (absorbed**2).sum()), float((whitening.of_case(change) ** 2).sum())
             out.append(float(np.sqrt(max(own / whole, 0.0))) if whole > 0.0 else 0.0)

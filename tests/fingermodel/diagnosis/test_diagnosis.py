@@ -17,6 +17,7 @@ from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
 from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.sensitivity import Assumption, Sensitivity
+from fingermodel.fitting.roots import absorbed_by
 from tests.settings import load_profile
 
 load_profile()
@@ -60,11 +61,8 @@ def test_what_is_held_at_its_null_counts_however_hard_it_is_pulled(
 
 def compared(slopes: Floats, absorbed: Floats) -> Confounding:
     """Candidates of one parameter each against each other, what the base absorbs left open."""
-    base, effects = absorbed.shape[1], slopes.shape[1]
-    h = np.concatenate([absorbed, slopes], axis=1)
-    left = Quadratic(0.0, np.zeros(base + effects), h.T @ h, 0.0).eliminated(
-        np.arange(base), np.ones(base), np.zeros(base)
-    )
+    effects = slopes.shape[1]
+    left = Quadratic.beside(absorbed_by(absorbed)[0], np.zeros(len(slopes)), slopes, 0.0)
     optimum: Any = SimpleNamespace(
         hyper=SimpleNamespace(without_smooth=lambda node: node),
         best=(0,),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass, log_mass_apart, screened
-from fingermodel.fitting.roots import root_of
+from fingermodel.fitting.roots import absorbed_by, root_of
 
 Floats = NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
@@ -52,7 +52,9 @@ def test_freed_weights_are_the_textbook_posterior(seed: int) -> None:
 def test_eliminating_some_first_changes_nothing(seed: int, first: int) -> None:
     residual, columns, x, width = problem(seed)
     whole = quadratic(residual, columns).freed(width, x, len(x))
-    rest = quadratic(residual, columns).eliminated(np.arange(first), width[:first], x[:first])
+    across, log_det = absorbed_by(columns[:, :first] * width[:first])
+    left = residual + columns[:, :first] @ x[:first]
+    rest = Quadratic.beside(across, left, columns[:, first:], log_det)
     later = rest.freed(width[first:], x[first:], len(x) - first)
     assert later.misfit == pytest.approx(whole.misfit)
     assert later.log_det == pytest.approx(whole.log_det)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
@@ -15,7 +13,6 @@ from fingermodel.diagnosis.session_model.bad_cases import Apart, Explained, Slip
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import SLIP_SHARES
-from fingermodel.fitting.roots import root_of, root_of_one_plus
 from fingermodel.session import Session
 from tests.fingermodel.diagnosis.dense import dense
 
@@ -96,33 +93,3 @@ def test_cases_heavier_than_any_sound_one_of_their_tendons_are_no_slips_either(n
     assert unlike_sound(session, dict.fromkeys(heaviest, unknown)) == tuple(heaviest)
     lightest = cases[total[cases] < 1.01 * total[cases].min()].tolist()
     assert unlike_sound(session, dict.fromkeys(lightest, unknown)) == ()
-
-
-@given(
-    st.integers(2, 12),
-    st.integers(0, 2**32 - 1),
-    st.floats(-8.0, 8.0),
-    st.floats(0.0, 9.0),
-)
-def test_steep_and_nearly_collinear_columns_end_no_factorisation(
-    size: int, seed: int, log_scale: float, log_spread: float
-) -> None:
-    rng = np.random.default_rng(seed)
-    first = rng.normal(size=(40, 1)) * 10.0**log_scale
-    columns = first + rng.normal(size=(40, size)) * 10.0 ** (log_scale - log_spread)
-    gram = columns.T @ columns
-    found = root_of_one_plus(gram.copy())
-    assert found @ found.T == pytest.approx(gram + np.eye(size), abs=1e-12 * size * np.trace(gram))
-    # Whatever rounding has made of it, and of several at once.
-    several = np.stack([gram, gram - 1e-15 * np.trace(gram) * np.eye(size), 0.0 * gram])
-    for root in root_of_one_plus(several):
-        assert np.isfinite(root).all()
-        assert np.log(np.diag(root)).sum() > -1e-9
-    covariance = columns @ columns.T
-    root = root_of(covariance)
-    assert root @ root.T == pytest.approx(covariance, abs=1e-5 * np.trace(covariance))
-
-
-def test_a_covariance_that_is_not_finite_is_refused() -> None:
-    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
-        root_of(np.array([[1.0, np.nan], [np.nan, 1.0]]))
