@@ -158,6 +158,12 @@ def every_angle_in_radians(session: Recorded, _: Rng) -> None:
         _turn_into_radians(session.document["postures_deg"], name)
 
 
+def every_angle_negative(session: Recorded, _: Rng) -> None:
+    """Enter all angles of all postures with the other sign, as where extension counts."""
+    for angles in session.document["postures_deg"].values():
+        angles.update({joint: -angle for joint, angle in angles.items()})
+
+
 def _in_radians(postures: dict[str, dict[str, float]], rng: Rng) -> None:
     _turn_into_radians(postures, str(rng.choice(sorted(postures))))
 
@@ -187,6 +193,17 @@ def hanger_counted(session: Recorded, rng: Rng) -> None:
         case["masses_g"] = {m: g + grams for m, g in case["masses_g"].items()}
 
 
+def line_slips(session: Recorded, rng: Rng) -> None:
+    """Let a tendon pull less than hangs on it, from one of its load cases on."""
+    tendon = str(rng.choice(["FDP", "FDS"]))
+    loaded = [case for case in session.document["cases"] if tendon in case["masses_g"]]
+    fitted = [k for k, case in enumerate(loaded) if case["role"] == "identification"]
+    # So many of the fitted ones before and after that neither are slips.
+    first, left = int(rng.choice(fitted[_SEVERAL : 1 - _SEVERAL])), float(rng.uniform(0.5, 0.8))
+    for case in loaded[first:]:
+        case["masses_g"][tendon] /= left
+
+
 def rows(session: Recorded, rng: Rng) -> None:
     """Enter the load of one case some rows too high or too low, so that each between is one row off."""
     stretches: dict[tuple[str, str], list[dict[str, Any]]] = {}
@@ -205,6 +222,11 @@ def rows(session: Recorded, rng: Rng) -> None:
 def moments_in_Nm(session: Recorded, _: Rng) -> None:  # noqa: N802 - the unit's name
     """Record moments in another unit than their columns say."""
     session.values[:, 3:] /= 1000.0
+
+
+def forces_in_pounds(session: Recorded, _: Rng) -> None:
+    """Record forces in pounds-force, and moments as their columns say."""
+    session.values[:, :3] /= 4.4482
 
 
 def axes(session: Recorded, rng: Rng) -> None:
@@ -305,6 +327,9 @@ FAULTS: dict[Fault, str] = {
     tare_twice: "tare",
     weight_at_a_tare: "tare_weight",
     weight_left_hanging: "weight",
+    line_slips: "tension",
+    every_angle_negative: "posture",
+    forces_in_pounds: "unit",
 }
 
 

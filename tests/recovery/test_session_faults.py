@@ -14,10 +14,13 @@ import yaml
 from benchmarks.recorded import Recorded
 from benchmarks.session_faults import (
     every_angle_in_radians,
+    every_angle_negative,
+    forces_in_pounds,
     gain_of,
     hanger_counted,
     joints_everywhere,
     joints_in_a_posture,
+    line_slips,
     mistyped_angle,
     moments_in_Nm,
     mount,
@@ -62,6 +65,11 @@ from tests.simulator import draw_session
             joints_everywhere, "posture", "PIP and DIP were exchanged in all postures", marks=pytest.mark.full
         ),
         (mistyped_angle, "posture", "was about "),
+        (line_slips, "tension", " times what was entered, as where its line slips "),
+        pytest.param(
+            every_angle_negative, "posture", "all angles of all postures have the other sign", marks=pytest.mark.full
+        ),
+        pytest.param(forces_in_pounds, "unit", "The moments are in the unit that is stated", marks=pytest.mark.full),
         pytest.param(weights_of_a_tendon, "weight", "times what was entered", marks=pytest.mark.full),
         pytest.param(hanger_counted, "weight", " g lighter than entered", marks=pytest.mark.full),
         pytest.param(rows, "rows", "each load was entered one row too ", marks=pytest.mark.full),

@@ -64,17 +64,17 @@ class RigMistake:
     tip: Floats  # (cases, 3, 3) what makes forces at the tip of those stated, factor not counted
     bone: Floats  # (3, 3) likewise at the bone
 
-    def put_right(self, observations: Observations) -> Observations:
-        """The session's readings as they should have been stated."""
+    def put_right(self, observations: Observations, *, moments: bool = True) -> Observations:
+        """The session's readings as they should have been stated; `moments` are in another unit as well, or not."""
         at_bone = np.array([place == "bone" for place in observations.locations])
         axes = np.where(at_bone[:, None, None], self.bone, self.tip)
         turn = np.zeros((len(at_bone), 6, 6))
         turn[:, :3, :3] = axes
         turn[:, 3:, 3:] = axes
-        turn *= self.factor
         read = np.isfinite(observations.wrench)
         # A component that was not read may be turned into one that is asked for; then that is not known either.
-        known = np.einsum("nij,nj->ni", np.abs(turn) > 1e-6 * self.factor, ~read) == 0
+        known = np.einsum("nij,nj->ni", np.abs(turn) > 1e-6, ~read) == 0
+        turn[:, : 6 if moments else 3] *= self.factor
         wrench = np.einsum("nij,nj->ni", turn, np.nan_to_num(observations.wrench))
         return replace(observations, wrench=np.where(known, wrench, np.nan), noise=observations.noise.turned(turn))
 

@@ -1,4 +1,7 @@
-"""What may be another than was entered by an amount: a mount's gain, a weight, an angle, what was left hanging."""
+"""What may be another than was entered by an amount: a mount's gain, a weight, a pull, an angle, what was left hanging.
+
+Each is of many cases alike.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,14 @@ Kind = Literal[
     "unit",
     "gain",
     "weight",
+    "tension",
     "tare",
     "tare_weight",
 ]
+
+
+# Cases of a tendon from which on its pull may change at a new setting alone: to the case would be too many.
+_MOST_STARTS = 100
 
 
 @dataclass(frozen=True)
@@ -91,7 +99,8 @@ class Change:
 
 def changes(session: Session) -> list[Change]:
     """What may be another by an amount."""
-    return [*_gains(session), *_weights(session), *_joint_angles(session), *_left_hanging(session)]
+    of_entries = [*_gains(session), *_weights(session), *_joint_angles(session)]
+    return [*of_entries, *_left_hanging(session), *_from_a_case_on(session)]
 
 
 def _gains(session: Session) -> Iterator[Change]:
@@ -179,6 +188,24 @@ def _left_hanging(session: Session) -> Iterator[Change]:
             yield Change("weight", words, usual, 1.0, LEAST_AMOUNT, -pull, above=0.0, lacks=True)
 
 
+def _from_a_case_on(session: Session) -> Iterator[Change]:
+    """What each tendon pulls from one of its load cases on, as where its line slips or a pulley jams."""
+    o, muscles = session.observations, session.model.finger.topology.muscles
+    tension, setting = np.asarray(o.inputs.tension), np.asarray(o.inputs.setting)
+    order = np.argsort(np.asarray(o.inputs.elapsed), kind="stable")
+    for m, muscle in enumerate(muscles):
+        pulling = order[tension[order, m] > 0.0].tolist()
+        starts = list(range(1, len(pulling)))
+        if len(pulling) > _MOST_STARTS:
+            starts = [k for k in starts if setting[pulling[k]] != setting[pulling[k - 1]]]
+        for k in starts:
+            here = np.zeros_like(tension)
+            here[pulling[k:], m] = 1.0
+            words = f"from {o.ids[pulling[k]]} on {muscle} pulled {{:.2f}} times what was entered"
+            why = "as where its line slips or its pulley jams"
+            yield Change("tension", f"{words}, {why}", 1.0, AMOUNT, LEAST_AMOUNT, here)
+
+
 def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:
     """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
 
@@ -207,7 +234,7 @@ def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floa
     out = list[Floats]()
     reading = session.changes.readings(theta)
     of = session.changes
-    slopes = {"weight": of.by_tension, "posture": of.by_angle, "lacks": of.less_by_newton}
+    slopes = {"weight": of.by_tension, "tension": of.by_tension, "posture": of.by_angle, "lacks": of.less_by_newton}
     inputs = ["lacks" if change.lacks else change.kind for change in changes]
     by_input = {name: slopes_at(theta) for name, slopes_at in slopes.items() if name in inputs}
     for change, name in zip(changes, inputs, strict=True):

@@ -11,9 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, permutations, product
 
-import jax.numpy as jnp
 import numpy as np
-from scipy.special import chdtri
 
 from daq.vocabulary import OTHER_MOUNT
 from fingermodel.arrays import Floats, Mask
@@ -21,9 +19,16 @@ from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use, set_up_once
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slips import LONGEST_MM, at_other_mount
-from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_ANGLE_RAD, P_VALUE
+from fingermodel.diagnosis.session_model.slips import at_other_mount
+from fingermodel.diagnosis.settings import LEAST_ANGLE_RAD
 from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind
+from fingermodel.diagnosis.verdict.taken_for import (
+    exchanged_columns,
+    read_at_other_mount,
+    scaled,
+    smooth_tares,
+    with_inputs,
+)
 
 # Masses in another unit: what one that was entered as a gram is in grams.
 _UNITS_G = {
@@ -39,8 +44,6 @@ _UNITS_G = {
 _MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
 # Cases that a slip changes at most: two, where they are exchanged. A fault of the session changes more.
 OF_A_SLIP = 2
-# Standard uncertainties by which noise is off once in 1 / P_VALUE times.
-_BEYOND_NOISE = float(np.sqrt(chdtri(1, P_VALUE)))
 # Runs of rows that are looked at.
 _RUNS = 2
 # A wrench of the other hand.
@@ -93,12 +96,12 @@ class Entries:
         yield from self._postures()
         yield from self._mounts()
         yield from self._angles()
-        yield self._one("side", "the side is the other one (readings are mirrored)", _times(o, _MIRROR))
+        yield self._one("side", "the side is the other one (readings are mirrored)", scaled(o, _MIRROR))
         yield from self._moments()
         yield from self._tares()
         for unit, grams in _UNITS_G.items():
             tension = np.asarray(o.inputs.tension) * grams
-            yield self._one("mass_unit", f"masses are in {unit}", _with(o, tension=tension))
+            yield self._one("mass_unit", f"masses are in {unit}", with_inputs(o, tension=tension))
 
     def frames(self) -> Iterator[Corrected]:
         """Axes exchanged or turned round, or another unit of the readings, where balance shows it."""
@@ -106,9 +109,14 @@ class Entries:
         mistake = rig_mistake(self.session.model, o)
         if mistake is not None:
             words = f"{mistake.words[0].upper()}{mistake.words[1:]}"
-            units = np.full(len(self.session.rows), np.log(mistake.factor))
+            unit = np.full(len(self.session.rows), np.log(mistake.factor))
             kind: Kind = "unit" if mistake.unit else "axes"
-            yield replace(self._one(kind, words, mistake.put_right(o)), log_units=units)
+            yield replace(self._one(kind, words, mistake.put_right(o)), log_units=unit)
+            force = self.session.rows % 6 < 3
+            if mistake.unit and not force.all():
+                words = f"{words}. The moments are in the unit that is stated"
+                of_forces = mistake.put_right(o, moments=False)
+                yield replace(self._one(kind, words, of_forces), log_units=np.where(force, unit, 0.0))
 
     def turned(self) -> Corrected:
         """Forces on the finger, entered as those that it exerts; balance shows that where both mounts were read."""
@@ -122,13 +130,13 @@ class Entries:
         if change.kind != "gain":
             tension, posture = np.asarray(o.inputs.tension), np.asarray(o.inputs.posture)
             if change.kind == "posture":
-                other = _with(o, posture=posture + further)
+                other = with_inputs(o, posture=posture + further)
             else:
-                other = _with(o, tension=tension - further if change.lacks else (1.0 + further) * tension)
+                other = with_inputs(o, tension=tension - further if change.lacks else (1.0 + further) * tension)
             found = self._one(change.kind, change.words, other, change.amend)
             return replace(found, change=change if change.spread else None)
         here = 1.0 + further[self.session.rows // 6, 0]
-        found = self._one(change.kind, change.words, _times(o, 1.0 / (1.0 + further)))
+        found = self._one(change.kind, change.words, scaled(o, 1.0 / (1.0 + further)))
         return replace(found, away=here * found.away, log_units=-np.log(here), change=change)
 
     def _one(self, kind: Kind, words: str, observations: Observations, amend: tuple[Amend, ...] = ()) -> Corrected:
@@ -153,8 +161,8 @@ class Entries:
         for a, b in combinations(range(len(muscles)), 2):
             if loaded & {a, b}:
                 one, other = muscles[a], muscles[b]
-                exchanged, words = _exchanged(tension, a, b), f"{one} and {other} were exchanged"
-                away, swap = self._residual(_with(o, tension=exchanged)), {one: other, other: one}
+                exchanged, words = exchanged_columns(tension, a, b), f"{one} and {other} were exchanged"
+                away, swap = self._residual(with_inputs(o, tension=exchanged)), {one: other, other: one}
                 for named, (where, here) in places.items():
                     amend = (Amend(named, swap),)
                     yield self._block("tendon_labels", f"{words} {where}", here, away, amend, tension=exchanged)
@@ -164,7 +172,7 @@ class Entries:
         o, angles = self.session.observations, self.session.observations.posture_angles
         cases = {name: of_label(o.postures, name) for name in postures_in_use(o)}
         everywhere = {name: np.tile(angles[name], (len(o.ids), 1)) for name in cases}
-        away = {name: self._residual(_with(o, posture=set_to)) for name, set_to in everywhere.items()}
+        away = {name: self._residual(with_inputs(o, posture=set_to)) for name, set_to in everywhere.items()}
         of_row, mounts = self.session.rows // 6, {p: of_label(o.locations, p) for p in o.locations}
         for a, b in combinations(cases, 2):
             both, swap = np.logical_or(cases[a], cases[b]), (Amend(a, posture=b), Amend(b, posture=a))
@@ -189,7 +197,7 @@ class Entries:
         """Cases that were read at the other mount: all, those of a posture, or some for which it was set once."""
         o, rows = self.session.observations, self.session.rows
         every = ~of_label(o.roles, "check")
-        away = self._residual(_read_at_other_mount(o, every))
+        away = self._residual(read_at_other_mount(o, every))
         # Which moments there are at the bone nobody knows.
         away = np.where((rows % 6 >= 3) & of_label(o.locations, "tip")[rows // 6], 0.0, away)
         places = {"throughout": ("", every)}
@@ -209,7 +217,7 @@ class Entries:
                 blocks.append((f"{at_other_mount(place)},{where}", moved, (Amend(named, location=OTHER_MOUNT[place]),)))
         for words, moved, amendments in blocks:
             left = np.where(moved[rows // 6], away, self.away)
-            yield Corrected("mount", words, _read_at_other_mount(o, moved), left, np.zeros(len(rows)), amend=amendments)
+            yield Corrected("mount", words, read_at_other_mount(o, moved), left, np.zeros(len(rows)), amend=amendments)
 
     def _rows(self) -> Iterator[Corrected]:
         """Loads of some cases in a row entered one row too high or too low, as where one row was pasted elsewhere."""
@@ -217,7 +225,7 @@ class Entries:
         cases, unit = self.session.rows // 6, self.session.changes.places.unit
         for step in (1, -1):
             # What each case would be off less with the load that was entered for its neighbour.
-            away = self._residual(_with(o, tension=np.roll(tension, -step, axis=0)))
+            away = self._residual(with_inputs(o, tension=np.roll(tension, -step, axis=0)))
             less = np.bincount(cases, ((self.away / unit) ** 2 - (away / unit) ** 2), minlength=len(tension))
             for alike in self._stretches:
                 gain, first, last = _best_run(less[alike].tolist())
@@ -240,7 +248,7 @@ class Entries:
         place = "low" if step > 0 else "high"
         words = f"from {o.ids[run[0]]} to {o.ids[run[-1]]} each load was entered one row too {place}"
         amend = tuple(Amend(case, masses_g=masses) for case, masses in changed)
-        return self._one("rows", words, _with(o, tension=tension), amend)
+        return self._one("rows", words, with_inputs(o, tension=tension), amend)
 
     @property
     def runs(self) -> int:
@@ -276,7 +284,7 @@ class Entries:
         o = self.session.observations
         columns = {n: np.where(here[:, None], new, np.asarray(getattr(o.inputs, n))) for n, new in changed.items()}
         there = np.where(here[self.session.rows // 6], away, self.away)
-        return Corrected(kind, words, _with(o, **columns), there, np.zeros(len(there)), amend=amend)
+        return Corrected(kind, words, with_inputs(o, **columns), there, np.zeros(len(there)), amend=amend)
 
     def _angles(self) -> Iterator[Corrected]:
         """An angle with the other sign, or two exchanged; all angles in radians: of one posture, or of every one."""
@@ -288,19 +296,21 @@ class Entries:
         for name, here in places.items():
             chosen = angles[here]
             bent = np.flatnonzero(chosen.any(axis=0)).tolist()
-            done = dict[str, Floats]()
+            done = {f"all angles of {name} have the other sign": -angles} if len(bent) > 1 else {}
             for k in bent:
                 value = f" ({-np.rad2deg(chosen[0, k]):g}°)" if name in o.posture_angles else ""
                 turned = angles * np.where(np.arange(len(rotations)) == k, -1.0, 1.0)
                 done[f"{rotations[k]} has the other sign in {name}{value}"] = turned
             for a, b in combinations(bent, 2):
                 if np.abs(chosen[:, a] - chosen[:, b]).max() >= LEAST_ANGLE_RAD:
-                    done[f"{rotations[a]} and {rotations[b]} were exchanged in {name}"] = _exchanged(angles, a, b)
+                    done[f"{rotations[a]} and {rotations[b]} were exchanged in {name}"] = exchanged_columns(
+                        angles, a, b
+                    )
             if 0.0 < np.rad2deg(np.abs(chosen).max()) < np.pi:
                 done[f"the angles of {name} are in radians"] = np.rad2deg(angles)
             for words, set_to in done.items():
                 posture = np.where(here[:, None], set_to, angles)
-                yield self._one("posture", words, _with(o, posture=posture))
+                yield self._one("posture", words, with_inputs(o, posture=posture))
 
     def _moments(self) -> Iterator[Corrected]:
         """Moments alone in another unit, or of the other sign."""
@@ -316,7 +326,7 @@ class Entries:
             each += [(unit, "unit", factor)] if factor != 1.0 else []
         for words, kind, factor in each:
             turn = np.array([1.0] * 3 + [factor] * 3)
-            found = self._one(kind, f"the moments are {words}", _times(o, turn))
+            found = self._one(kind, f"the moments are {words}", scaled(o, turn))
             units = np.where(moment, np.log(abs(factor)), 0.0)
             yield replace(found, away=np.where(moment, 1.0 / factor, 1.0) * found.away, log_units=units)
 
@@ -326,7 +336,7 @@ class Entries:
         if not o.tared.any():
             return
         # Without their tares readings have less noise, whether or not there is a fault: so have those of smooth tares.
-        smooth = _smooth_tares(o)
+        smooth = smooth_tares(o)
         sound = replace(o, wrench=o.wrench + o.tared - smooth)
         words = "the readings were tared already, and the tare was taken away twice"
         yield replace(self._one("tare", words, replace(o, wrench=o.wrench + o.tared)), sound=sound)
@@ -334,62 +344,6 @@ class Entries:
         if np.count_nonzero((smooth != first).any(axis=1)) > OF_A_SLIP:
             again = replace(o, wrench=o.wrench + o.tared - first)
             yield replace(self._one("tare", "one tare of each mount serves all its cases", again), sound=sound)
-
-
-def _smooth_tares(observations: Observations) -> Floats:
-    """Tares (cases, 6) [N, N mm] without their noise: the mean of each mount's in a row that differ by no more."""
-    o = observations
-    usual = np.sqrt(o.noise.variance.reshape(-1, 6) + EXTRA_NOISE_N.scale**2)
-    out = o.tared.copy()
-    for place in dict.fromkeys(o.locations):
-        alike: list[int] = []
-        for case in np.flatnonzero(of_label(o.locations, place)).tolist():
-            off = np.abs(o.tared[case] - o.tared[alike].mean(axis=0)) if alike else np.zeros(6)
-            alike = [*alike, case] if (off <= _BEYOND_NOISE * usual[case])[:3].all() else [case]
-            out[alike] = o.tared[alike].mean(axis=0)
-    return out
-
-
-def _read_at_other_mount(observations: Observations, moved: Mask) -> Observations:
-    """The same readings, some cases of the other mount; moments at the bone may be anything."""
-    o, turn = observations, np.where(moved[:, None, None], observations.to_other_mount, np.eye(6))
-    locations = [OTHER_MOUNT[p] if is_moved else p for p, is_moved in zip(o.locations, moved, strict=True)]
-    at_bone, mounting = of_label(locations, "bone"), np.array(o.inputs.mounting)
-    for i in np.flatnonzero(moved):
-        there = np.flatnonzero(of_label(o.locations, locations[i]))
-        mounting[i] = mounting[there[np.argmin(np.abs(there - i))]] if there.size else mounting[i]
-    noise = o.noise.turned(turn)
-    anything = np.where(moved & at_bone, LONGEST_MM * np.asarray(o.inputs.tension).sum(axis=1), 0.0)
-    blocks = noise.blocks + anything[:, None, None] ** 2 * np.diag([0.0] * 3 + [1.0] * 3)
-    wrench, tared = ((turn @ np.nan_to_num(each)[..., None])[..., 0] for each in (o.wrench, o.tared))
-    return replace(
-        o,
-        locations=tuple(locations),
-        inputs=o.inputs._replace(at_bone=jnp.asarray(at_bone), mounting=jnp.asarray(mounting)),
-        wrench=np.where(np.isfinite(o.wrench), wrench, np.nan),
-        noise=replace(noise, blocks=blocks),
-        tared=tared,
-    )
-
-
-def _with(observations: Observations, **columns: Floats) -> Observations:
-    """The same readings of other loads or postures."""
-    inputs = observations.inputs._replace(**{name: jnp.asarray(column) for name, column in columns.items()})
-    return replace(observations, inputs=inputs)
-
-
-def _times(observations: Observations, factor: Floats) -> Observations:
-    """The same cases, each reading times a factor that goes with (cases, 6); what was not measured stays so."""
-    each = np.broadcast_to(factor, observations.wrench.shape)
-    noise = observations.noise.turned(each[:, :, None] * np.eye(6))
-    return replace(observations, wrench=observations.wrench * each, noise=noise)
-
-
-def _exchanged(columns: Floats, a: int, b: int) -> Floats:
-    """Columns (cases, k), two of them in each other's place."""
-    order = np.arange(columns.shape[1])
-    order[[a, b]] = b, a
-    return columns[:, order]
 
 
 def _best_run(gains: Iterable[float]) -> tuple[float, int, int]:

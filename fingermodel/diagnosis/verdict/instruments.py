@@ -23,6 +23,7 @@ FAULT_REMEDY = {
     "unit": "hang a known weight on the cell",
     "gain": "hang a known weight on the cell at both mounts",
     "weight": "weigh the weights again, and see that they hang free",
+    "tension": "look at that tendon's line, and measure its first load cases again",
     "tare": "look whether the recording was tared already",
     "tare_weight": "measure these cases again after a tare with nothing hanging",
 }
