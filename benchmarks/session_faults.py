@@ -204,6 +204,20 @@ def line_slips(session: Recorded, rng: Rng) -> None:
         case["masses_g"][tendon] /= left
 
 
+def line_chafes(session: Recorded, rng: Rng) -> None:
+    """Let a tendon pull less than hangs on it, in one posture."""
+    loaded = [
+        (m, c["posture"]) for c in session.document["cases"] if c["role"] == "identification" for m in c["masses_g"]
+    ]
+    # In fewer cases each is a slip.
+    several = sorted(at for at, count in Counter(loaded).items() if count >= _SEVERAL)
+    tendon, posture = several[int(rng.integers(len(several)))]
+    left = float(rng.uniform(0.5, 0.8))
+    for case in session.document["cases"]:
+        if case["posture"] == posture and tendon in case["masses_g"]:
+            case["masses_g"][tendon] /= left
+
+
 def rows(session: Recorded, rng: Rng) -> None:
     """Enter the load of one case some rows too high or too low, so that each between is one row off."""
     stretches: dict[tuple[str, str], list[dict[str, Any]]] = {}
@@ -328,6 +342,7 @@ FAULTS: dict[Fault, str] = {
     weight_at_a_tare: "tare_weight",
     weight_left_hanging: "weight",
     line_slips: "tension",
+    line_chafes: "tension",
     every_angle_negative: "posture",
     forces_in_pounds: "unit",
 }

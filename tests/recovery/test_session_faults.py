@@ -20,6 +20,7 @@ from benchmarks.session_faults import (
     hanger_counted,
     joints_everywhere,
     joints_in_a_posture,
+    line_chafes,
     line_slips,
     mistyped_angle,
     moments_in_Nm,
@@ -65,7 +66,8 @@ from tests.simulator import draw_session
             joints_everywhere, "posture", "PIP and DIP were exchanged in all postures", marks=pytest.mark.full
         ),
         (mistyped_angle, "posture", "was about "),
-        (line_slips, "tension", " times what was entered, as where its line slips "),
+        pytest.param(line_chafes, "tension", ", as where its line chafes", marks=pytest.mark.full),
+        (line_slips, "tension", " times what was entered, as where its line slips"),
         pytest.param(
             every_angle_negative, "posture", "all angles of all postures have the other sign", marks=pytest.mark.full
         ),

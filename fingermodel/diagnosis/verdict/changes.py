@@ -100,7 +100,7 @@ class Change:
 def changes(session: Session) -> list[Change]:
     """What may be another by an amount."""
     of_entries = [*_gains(session), *_weights(session), *_joint_angles(session)]
-    return [*of_entries, *_left_hanging(session), *_from_a_case_on(session)]
+    return [*of_entries, *_left_hanging(session), *_pulls(session)]
 
 
 def _gains(session: Session) -> Iterator[Change]:
@@ -188,22 +188,28 @@ def _left_hanging(session: Session) -> Iterator[Change]:
             yield Change("weight", words, usual, 1.0, LEAST_AMOUNT, -pull, above=0.0, lacks=True)
 
 
-def _from_a_case_on(session: Session) -> Iterator[Change]:
-    """What each tendon pulls from one of its load cases on, as where its line slips or a pulley jams."""
+def _pulls(session: Session) -> Iterator[Change]:
+    """What each tendon pulls from one of its load cases on, where its line slips, or in a posture, where it chafes."""
     o, muscles = session.observations, session.model.finger.topology.muscles
     tension, setting = np.asarray(o.inputs.tension), np.asarray(o.inputs.setting)
     order = np.argsort(np.asarray(o.inputs.elapsed), kind="stable")
+    places = {f"in {name}": of_label(o.postures, name) for name in postures_in_use(o)}
+    at_mounts = {mount: of_label(o.locations, mount) for mount in dict.fromkeys(o.locations)}
+    for (where, here), (mount, there) in product(list(places.items()), at_mounts.items()):
+        places[f"{where} at the {mount}"] = here & there
     for m, muscle in enumerate(muscles):
-        pulling = order[tension[order, m] > 0.0].tolist()
+        pulls = tension[:, m] > 0.0
+        pulling = order[pulls[order]].tolist()
         starts = list(range(1, len(pulling)))
         if len(pulling) > _MOST_STARTS:
             starts = [k for k in starts if setting[pulling[k]] != setting[pulling[k - 1]]]
-        for k in starts:
-            here = np.zeros_like(tension)
-            here[pulling[k:], m] = 1.0
-            words = f"from {o.ids[pulling[k]]} on {muscle} pulled {{:.2f}} times what was entered"
-            why = "as where its line slips or its pulley jams"
-            yield Change("tension", f"{words}, {why}", 1.0, AMOUNT, LEAST_AMOUNT, here)
+        slips, chafes = "as where its line slips or a pulley jams", "as where its line chafes"
+        blocks = {f"from {o.ids[pulling[k]]} on": (np.isin(np.arange(len(pulls)), pulling[k:]), slips) for k in starts}
+        blocks |= {where: (here & pulls, chafes) for where, here in places.items() if (pulls & ~here).any()}
+        for where, (here, why) in blocks.items():
+            acts = here[:, None] * (np.arange(len(muscles)) == m).astype(float)
+            words = f"{where} {muscle} pulled {{:.2f}} times what was entered, {why}"
+            yield Change("tension", words, 1.0, AMOUNT, LEAST_AMOUNT, acts)
 
 
 def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:

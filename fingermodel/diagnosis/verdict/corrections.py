@@ -44,8 +44,8 @@ _UNITS_G = {
 _MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
 # Cases that a slip changes at most: two, where they are exchanged. A fault of the session changes more.
 OF_A_SLIP = 2
-# Runs of rows that are looked at.
-_RUNS = 2
+# Runs of rows, and cases from which on two tendons may have been exchanged, that are looked at.
+_RUNS, _STARTS = 2, 3
 # A wrench of the other hand.
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 
@@ -147,23 +147,28 @@ class Entries:
         predicted = np.asarray(self.session.model.predict(observations.inputs, self.theta).reading)
         return (np.nan_to_num(observations.wrench) - predicted).reshape(-1)[self.session.rows]
 
+    def _by_case(self, away: Floats) -> Floats:
+        """(cases,) sum of squares of readings less a model (n,), moments in units of their lever."""
+        scaled = (away / self.session.changes.places.unit) ** 2
+        return np.asarray(np.bincount(self.session.rows // 6, scaled, len(self.session.observations.ids)), dtype=float)
+
     def _tendons(self) -> Iterator[Corrected]:
-        """Two tendons exchanged in all cases, in those of a mount or a posture, or from a change of either on."""
+        """Two tendons exchanged in all cases, in those of a mount or a posture, or from a case on."""
         o, muscles = self.session.observations, self.session.model.finger.topology.muscles
-        tension, settings = np.asarray(o.inputs.tension), list(zip(o.postures, o.locations, strict=True))
-        places = {"all": ("throughout", np.ones(len(settings), dtype=bool))}
+        tension, places = np.asarray(o.inputs.tension), {"all": ("throughout", np.ones(len(o.ids), dtype=bool))}
         places |= {name: (f"in {name}", of_label(o.postures, name)) for name in postures_in_use(o)}
         places |= {p: (f"at the {p}", of_label(o.locations, p)) for p in o.locations}
-        changes = [k for k in range(1, len(settings)) if settings[k] != settings[k - 1]]
-        for k in changes if len(changes) <= MOST_BLOCKS else ():
-            places[f"{o.ids[k]}.."] = f"from {o.ids[k]} on", np.arange(len(settings)) >= k
         loaded = set(np.flatnonzero(tension.any(axis=0)).tolist())
         for a, b in combinations(range(len(muscles)), 2):
             if loaded & {a, b}:
                 one, other = muscles[a], muscles[b]
                 exchanged, words = exchanged_columns(tension, a, b), f"{one} and {other} were exchanged"
                 away, swap = self._residual(with_inputs(o, tension=exchanged)), {one: other, other: one}
-                for named, (where, here) in places.items():
+                touched = np.flatnonzero((exchanged != tension).any(axis=1))
+                less = np.cumsum((self._by_case(self.away) - self._by_case(away))[touched][::-1])[::-1]
+                starts = [int(touched[k]) for k in np.argsort(-less[1:])[:_STARTS] + 1]
+                further = {f"{o.ids[k]}..": (f"from {o.ids[k]} on", np.arange(len(o.ids)) >= k) for k in starts}
+                for named, (where, here) in (places | further).items():
                     amend = (Amend(named, swap),)
                     yield self._block("tendon_labels", f"{words} {where}", here, away, amend, tension=exchanged)
 
@@ -222,11 +227,10 @@ class Entries:
     def _rows(self) -> Iterator[Corrected]:
         """Loads of some cases in a row entered one row too high or too low, as where one row was pasted elsewhere."""
         o, tension, found = self.session.observations, np.asarray(self.session.observations.inputs.tension), []
-        cases, unit = self.session.rows // 6, self.session.changes.places.unit
         for step in (1, -1):
             # What each case would be off less with the load that was entered for its neighbour.
             away = self._residual(with_inputs(o, tension=np.roll(tension, -step, axis=0)))
-            less = np.bincount(cases, ((self.away / unit) ** 2 - (away / unit) ** 2), minlength=len(tension))
+            less = self._by_case(self.away) - self._by_case(away)
             for alike in self._stretches:
                 gain, first, last = _best_run(less[alike].tolist())
                 ends = (first, last + 1) if step > 0 else (first - 1, last)

@@ -168,13 +168,15 @@ class _Possible:
     @classmethod
     def of(cls, entries: Entries, more: Sequence[Corrected], by_balance: int) -> _Possible:
         """All of them, with further offers; so many others are shown by balance."""
-        fitted, changes = entries.session.fitted, _changes(entries, entries.session.fitted)
+        fitted, cases = entries.session.fitted, entries.session.fitted_cases
         # What changes the same fitted readings alike is one fault; what changes none is looked for in `unseen_faults`.
-        every = reversed([*entries.corrected(), *more])
-        struck = (o for o in every if _strikes(entries, fitted & (o.away != entries.away)))
+        struck = (o for o in reversed([*entries.corrected(), *more]) if _strikes(entries, o.away != entries.away))
         offers = list({o.away[fitted].tobytes(): o for o in struck}.values())
-        counts = Counter([*(o.kind for o in offers), *(change.kind for change in changes)])
-        return cls(entries, offers, changes, counts + Counter[Kind]({"axes": by_balance, "rows": entries.runs}))
+        changed = [c for c in changes(entries.session) if _strikes(entries, c.cases[entries.session.rows // 6])]
+        alike = {(c.kind, c.lacks, c.acts[cases].tobytes()): c for c in reversed(changed)}
+        changed = list(alike.values())[::-1]
+        counts = Counter([*(o.kind for o in offers), *(change.kind for change in changed)])
+        return cls(entries, offers, changed, counts + Counter[Kind]({"axes": by_balance, "rows": entries.runs}))
 
     def prior(self, kind: Kind) -> float:
         """Log prior of a fault of a kind."""
@@ -246,10 +248,10 @@ def unseen_faults(
         return []
     entries, fitted = Entries(session, leader.theta), session.fitted
     # A weight that hangs in validation cases alone may be told to weigh whatever makes up for what is new there.
-    exchanged = [replace(c, amount=1.0) for c in _changes(entries, ~fitted) if not c.spread]
-    offers = [*entries.corrected(), *(entries.put_right(change) for change in exchanged)]
+    unseen = [c for c in changes(session) if not c.spread and not c.cases[session.fitted_cases].any()]
+    offers = [*entries.corrected(), *(entries.put_right(replace(change, amount=1.0)) for change in unseen)]
     offers = [o for o in offers if np.array_equal(o.away[fitted], entries.away[fitted])]
-    offers = [o for o in offers if _strikes(entries, ~fitted & (o.away != entries.away))]
+    offers = [o for o in offers if _count(entries, o.away != entries.away) > OF_A_SLIP]
     precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
     likely = sorted(offers, key=lambda o: float(o.away[~fitted] @ precision @ o.away[~fitted]))[:_FITTED]
     values = list[float]()
@@ -281,13 +283,13 @@ def _probable(found: Sequence[Corrected], log_posterior: Sequence[float], rest: 
 
 
 def _strikes(entries: Entries, changed: Mask) -> bool:
-    """Whether the readings (n,) that a fault changes are of more cases than a slip."""
-    return len(np.unique(entries.session.rows[changed] // 6)) > OF_A_SLIP
+    """Whether the readings (n,) that a fault changes are of more cases than a slip, as many as a slip's fitted."""
+    return _count(entries, changed) > OF_A_SLIP and _count(entries, changed & entries.session.fitted) >= OF_A_SLIP
 
 
-def _changes(entries: Entries, of: Mask) -> list[Change]:
-    """Those of more cases than a slip, among the cases of some readings (n,)."""
-    return [c for c in changes(entries.session) if _strikes(entries, of & c.cases[entries.session.rows // 6])]
+def _count(entries: Entries, readings: Mask) -> int:
+    """Of how many cases some readings (n,) are."""
+    return len(np.unique(entries.session.rows[readings] // 6))
 
 
 def _of_effects(fit: Optimum, node: Node, candidates: Candidates) -> float:
