@@ -13,11 +13,12 @@ from typing import Literal
 import numpy as np
 
 from fingermodel.arrays import Floats, Mask
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.reading_changes import MOST_BLOCKS, of_label, postures_in_use, set_up_once
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, WRONG_ANGLE_RAD
+from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, LEVER_MM, WRONG_ANGLE_RAD
 
 Kind = Literal[
     "tendon_labels",
@@ -33,11 +34,16 @@ Kind = Literal[
     "tension",
     "tare",
     "tare_weight",
+    "zero",
 ]
 
 
-# Cases of a tendon from which on its pull may change at a new setting alone: to the case would be too many.
+# Cases of a tendon, or of a mount, from which on something may change at a new setting alone: else it may at each.
 _MOST_STARTS = 100
+# How far the zero of some cases may be off in each component, and by how much together at least [N].
+_ZERO_N, _LEAST_ZERO_N = 0.5, 0.1
+# Of a component's zero, what 1 N is [N, N mm].
+_PER_NEWTON = np.array([1.0] * 3 + [LEVER_MM] * 3)
 
 
 @dataclass(frozen=True)
@@ -56,13 +62,14 @@ class Amend:
 class Change:
     """What is another than was entered by an amount: a gain, a weight, two exchanged ones, an angle, a tare's load."""
 
-    kind: Kind  # of fault; of a posture the amount is an angle [rad], else it is relative
+    kind: Kind  # of fault; of a posture the amount is an angle [rad], of a zero its size [N], else it is relative
     saying: str  # what is said of it; the value goes into the braces, if there are any
     entered: float  # the value then; of an angle [deg]; of a load that was left hanging, what the amount is relative to
     spread: float  # standard deviation of the amount's prior about 0; 0 where the amount is known to be 1
     least: float  # that the amount is at least
     # (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases, rotations)
-    # of joint angles; of a load that the readings lack (cases, muscles) its tension [N], less than 0 where it is more.
+    # of joint angles; of a load that the readings lack (cases, muscles) its tension [N], less than 0 where it is more;
+    # (cases, 6) of a zero, whose direction the readings tell with its size.
     acts: Floats
     above: float = -1.0  # that the amount is more than
     lacks: bool = False  # whether it is a load that the readings lack
@@ -74,6 +81,8 @@ class Change:
         """What is said of it."""
         if self.kind == "posture":
             return self.saying.format(self.entered + np.rad2deg(self.amount))
+        if self.kind == "zero":
+            return self.saying.format(*(self.amount * self.direction)[:3])
         return self.saying.format(self.entered * (self.amount + (not self.is_sum)))
 
     @property
@@ -84,7 +93,12 @@ class Change:
     @property
     def is_sum(self) -> bool:
         """Whether the amount is added to what was entered, which else is multiplied."""
-        return self.lacks or self.kind == "posture"
+        return self.lacks or self.kind in ("posture", "zero")
+
+    @property
+    def direction(self) -> Floats:
+        """(6,) change of the readings by a unit of a zero [N, N mm]."""
+        return self.acts[int(np.argmax(self.cases))]
 
     @property
     def cases(self) -> Mask:
@@ -100,7 +114,7 @@ class Change:
 def changes(session: Session) -> list[Change]:
     """What may be another by an amount."""
     of_entries = [*_gains(session), *_weights(session), *_joint_angles(session)]
-    return [*of_entries, *_left_hanging(session), *_pulls(session)]
+    return [*of_entries, *_left_hanging(session), *_pulls(session), *_zeros(session)]
 
 
 def _gains(session: Session) -> Iterator[Change]:
@@ -212,6 +226,30 @@ def _pulls(session: Session) -> Iterator[Change]:
             yield Change("tension", words, 1.0, AMOUNT, LEAST_AMOUNT, acts)
 
 
+def _zeros(session: Session) -> Iterator[Change]:
+    """The zero of the cases of one setting at a mount, as with an old tare; or of a mount from one of its cases on."""
+    o, setting = session.observations, np.asarray(session.observations.inputs.setting)
+    order, checks = np.argsort(np.asarray(o.inputs.elapsed), kind="stable"), of_label(o.roles, "check")
+    off, blocks = "was off by ({:+.2f}, {:+.2f}, {:+.2f}) N", list[tuple[str, list[int]]]()
+    runs = [cases for cases in set_up_once(o) if not checks[cases[0]]]
+    for cases in runs if len(runs) <= MOST_BLOCKS else ():
+        where = f"the zero at the {o.locations[cases[0]]} {off} from {o.ids[cases[0]]} to {o.ids[cases[-1]]}"
+        blocks.append((f"{where}, as with an old tare", cases))
+    for mount in dict.fromkeys(o.locations):
+        read = [case for case in order.tolist() if o.locations[case] == mount and not checks[case]]
+        starts = list(range(1, len(read)))
+        if len(read) > _MOST_STARTS:
+            starts = [k for k in starts if setting[read[k]] != setting[read[k - 1]]]
+        for k in starts:
+            where = f"from {o.ids[read[k]]} on the zero at the {mount} {off}"
+            blocks.append((f"{where}, as where the cell or its cable was moved", read[k:]))
+    for saying, cases in blocks:
+        # Of all cases of a mount it is an effect.
+        if len(cases) < o.locations.count(o.locations[cases[0]]):
+            acts = np.isin(np.arange(len(o.ids)), cases)[:, None] * _PER_NEWTON
+            yield Change("zero", saying, 0.0, _ZERO_N, _LEAST_ZERO_N, acts)
+
+
 def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:
     """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
 
@@ -220,19 +258,39 @@ def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Chan
         node: of the hyperparameters.
         changes: of it.
     """
-    asked = fit.asked(_columns(fit.session, changes, fit.theta)[fit.session.fitted], node)
-    out = []
+    zeros = [change for change in changes if change.kind == "zero"]
+    return [*_amounts(fit, node, [c for c in changes if c.kind != "zero"]), *_zeros_told(fit, node, zeros)]
+
+
+def _amounts(fit: Optimum, node: Node, changes: Sequence[Change]) -> Iterator[tuple[Change, float]]:
+    asked = fit.asked(_columns(fit.session, changes, fit.theta)[fit.session.fitted], node) if changes else ((), ())
     for change, information, score in zip(changes, *asked, strict=True):
         if not change.spread:
-            out.append((replace(change, amount=1.0), float(score - 0.5 * information)))
+            yield replace(change, amount=1.0), float(score - 0.5 * information)
             continue
         # It is further off by w, of what it was taken for; the prior of its amount is N(0, spread²).
         mean, precision = -change.amount / change.unit, (change.unit / change.spread) ** 2
         best = (score + mean * precision) / (information + precision)
         log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
         further = replace(change, amount=change.amount + change.unit * float(best))
-        out.append((further, float(log) if further.counts else -np.inf))
-    return out
+        yield further, float(log) if further.counts else -np.inf
+
+
+def _zeros_told(fit: Optimum, node: Node, zeros: Sequence[Change]) -> Iterator[tuple[Change, float]]:
+    if not zeros:
+        return
+    rows = fit.session.rows[fit.session.fitted]
+    per_newton = (np.eye(6) * _PER_NEWTON)[rows % 6]
+    columns = np.concatenate([zero.cases[rows // 6, None] * per_newton for zero in zeros], axis=1)
+    said = fit.quadratic_of(columns, node)
+    for k, zero in enumerate(zeros):
+        own, now = slice(6 * k, 6 * k + 6), zero.amount * zero.direction / _PER_NEWTON
+        alone = Quadratic(0.0, said.gradient[own], said.hessian[own, own], 0.0)
+        found = alone.freed(np.full(6, zero.spread), now, 6)
+        size = float(np.linalg.norm(found.mean))
+        direction = found.mean * _PER_NEWTON / max(size, np.finfo(float).tiny)
+        further = replace(zero, amount=size, acts=zero.cases[:, None] * direction) if size > 0.0 else zero
+        yield further, found.log_evidence if further.counts else -np.inf
 
 
 def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floats:

@@ -24,6 +24,7 @@ from fingermodel.diagnosis.settings import LEAST_ANGLE_RAD
 from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind
 from fingermodel.diagnosis.verdict.taken_for import (
     exchanged_columns,
+    noise_at_most,
     read_at_other_mount,
     scaled,
     smooth_tares,
@@ -127,6 +128,9 @@ class Entries:
     def put_right(self, change: Change) -> Corrected:
         """The session with something by its amount another than was entered."""
         o, further = self.session.observations, change.amount * change.acts
+        if change.kind == "zero":
+            found = self._one(change.kind, change.words, replace(o, wrench=o.wrench - further))
+            return replace(found, change=change)
         if change.kind != "gain":
             tension, posture = np.asarray(o.inputs.tension), np.asarray(o.inputs.posture)
             if change.kind == "posture":
@@ -343,7 +347,8 @@ class Entries:
         smooth = smooth_tares(o)
         sound = replace(o, wrench=o.wrench + o.tared - smooth)
         words = "the readings were tared already, and the tare was taken away twice"
-        yield replace(self._one("tare", words, replace(o, wrench=o.wrench + o.tared)), sound=sound)
+        if (np.abs(smooth) > noise_at_most(o))[:, :3].any():
+            yield replace(self._one("tare", words, replace(o, wrench=o.wrench + o.tared)), sound=sound)
         first = np.array([smooth[o.locations.index(place)] for place in o.locations])
         if np.count_nonzero((smooth != first).any(axis=1)) > OF_A_SLIP:
             again = replace(o, wrench=o.wrench + o.tared - first)

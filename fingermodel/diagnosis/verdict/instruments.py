@@ -25,6 +25,7 @@ FAULT_REMEDY = {
     "weight": "weigh the weights again, and see that they hang free",
     "tension": "look at that tendon's line, and measure its first load cases again",
     "tare": "look whether the recording was tared already",
+    "zero": "tare the cell, and measure these cases again",
     "tare_weight": "measure these cases again after a tare with nothing hanging",
 }
 

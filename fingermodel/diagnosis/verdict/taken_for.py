@@ -19,16 +19,20 @@ from fingermodel.diagnosis.settings import EXTRA_NOISE_N, P_VALUE
 _BEYOND_NOISE = float(np.sqrt(chdtri(1, P_VALUE)))
 
 
+def noise_at_most(observations: Observations) -> Floats:
+    """How far noise puts readings (cases, 6) [N, N mm] off, but for once in 1 / P_VALUE times."""
+    return _BEYOND_NOISE * np.sqrt(observations.noise.variance.reshape(-1, 6) + EXTRA_NOISE_N.scale**2)
+
+
 def smooth_tares(observations: Observations) -> Floats:
     """Tares (cases, 6) [N, N mm] without their noise: the mean of each mount's in a row that differ by no more."""
-    o = observations
-    usual = np.sqrt(o.noise.variance.reshape(-1, 6) + EXTRA_NOISE_N.scale**2)
+    o, usual = observations, noise_at_most(observations)
     out = o.tared.copy()
     for place in dict.fromkeys(o.locations):
         alike: list[int] = []
         for case in np.flatnonzero(of_label(o.locations, place)).tolist():
             off = np.abs(o.tared[case] - o.tared[alike].mean(axis=0)) if alike else np.zeros(6)
-            alike = [*alike, case] if (off <= _BEYOND_NOISE * usual[case])[:3].all() else [case]
+            alike = [*alike, case] if (off <= usual[case])[:3].all() else [case]
             out[alike] = o.tared[alike].mean(axis=0)
     return out
 
