@@ -96,7 +96,7 @@ def measure_and_check(
 
 def begun_scan(session: Session) -> RecordingScan:
     """Return a scan that has still to be shown the session's recording."""
-    return RecordingScan.by(_spec(session))
+    return RecordingScan.by(_spec(session), _rate_hz(session))
 
 
 def warnings_of(
@@ -148,10 +148,10 @@ def _of_description(session: Session) -> list[Finding]:
 def _of_recording(
     session: Session, scan: RecordingScan, plateaus: Mapping[Span, Plateau], spec: CellSpec | None
 ) -> list[Finding]:
-    cell, name = session.load_cell, Path(session.readings or "readings").name
+    name = Path(session.readings or "readings").name
     apart = bool(plateaus) and not any(saturated(p, spec) for p in plateaus.values())
     return [
-        *recording_findings(scan, name, cell.rate_hz if cell else None, spec, apart=apart),
+        *recording_findings(scan, name, _rate_hz(session), spec, apart=apart),
         *([unknown_range()] if spec is None and scan.rows else []),
         *window_findings(session, scan),
         *plateau_findings(session, plateaus, spec),
@@ -171,11 +171,16 @@ def _spec(session: Session) -> CellSpec | None:
     return None if cell is None else cell_spec(cell.model) or cell_spec(f"{cell.model or ''} {cell.calibration or ''}")
 
 
+def _rate_hz(session: Session | None) -> float | None:
+    """Rate of the readings that a session states."""
+    return session.load_cell.rate_hz if session is not None and session.load_cell is not None else None
+
+
 def _scan(
     path: Path, session: Session | None, spec: CellSpec | None, findings: list[Finding], progress: Progress | None
 ) -> tuple[RecordingScan, Recording]:
     """Stream the recording once, gathering windows and looking at the whole; faults become findings."""
-    scan = RecordingScan.by(spec)
+    scan = RecordingScan.by(spec, _rate_hz(session))
     windows = windows_of(session) if session is not None else {}
 
     def note_fault(error: ReadingsError) -> None:

@@ -58,9 +58,9 @@ class RecordingScan:
     _finder: GapFinder = field(default_factory=GapFinder)
 
     @classmethod
-    def by(cls, spec: CellSpec | None) -> RecordingScan:
-        """Begin a scan of readings of a cell; None where it is not known."""
-        return cls(range=None if spec is None else np.array(spec.range))
+    def by(cls, spec: CellSpec | None, rate_hz: float | None = None) -> RecordingScan:
+        """Begin a scan of readings of a cell, at a rate that is stated; None for what is not known."""
+        return cls(range=None if spec is None else np.array(spec.range), _finder=GapFinder(rate_hz))
 
     def watch(self, blocks: Iterator[ReadingBlock]) -> Iterator[ReadingBlock]:
         """Pass blocks on, looking at each."""

@@ -45,14 +45,18 @@ class GapFinder:
 
     A wide interval is judged by the readings around it. Where those after it make up for the time, none is missing.
 
+    Args:
+        stated_hz: rate at which readings should come, None where it is not known.
+
     Attributes:
         interval_s: usual time between readings [s], NaN before it is known.
         late: wide intervals so far in which no reading is missing.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stated_hz: float | None = None) -> None:
         self.interval_s = np.nan
         self.late = 0
+        self._stated_s = 1.0 / stated_hz if stated_hz else np.nan
         self._held = np.zeros(0)
         # Places in what is held: of the first reading that is not judged, and of the first one after the last gap.
         self._judged, self._since = 1, 0
@@ -71,7 +75,7 @@ class GapFinder:
         if len(t) < FEW:
             return out
         steps = np.diff(t)
-        self.interval_s, evenly = _usual(t, steps)
+        self.interval_s, evenly = _usual(t, steps, self._stated_s)
         upto = len(t)
         if self.interval_s > 0.0:
             around = max(AROUND, int(AROUND_S / self.interval_s))
@@ -139,10 +143,13 @@ class GapFinder:
         return -np.inf if still else float(late_s[i:].min()), (at - i) * self.interval_s
 
 
-def _usual(t_s: Floats, steps: Floats) -> tuple[float, bool]:
+def _usual(t_s: Floats, steps: Floats, stated_s: float) -> tuple[float, bool]:
     """Return the usual interval [s] of times (n,) with n - 1 steps between them, and whether they are even."""
     middle = float(np.median(steps))
     if len(t_s) < ENOUGH:
+        return middle, True
+    # Of a recording of the windows alone most intervals are as stated, and none of the pauses is.
+    if abs(middle - stated_s) <= EVEN * stated_s and np.mean(np.abs(steps - middle) <= EVEN * middle) >= EVEN_SHARE:
         return middle, True
     count = min(SPAN, len(t_s) // 2)
     spans = t_s[count:] - t_s[:-count]

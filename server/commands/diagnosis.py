@@ -140,8 +140,8 @@ def _print_sensitivity(robust: dict[str, Any]) -> None:
     for flip in robust["flips_when"][:3]:
         say(f"  It would be less probable than not if {flip}.")
     if parts := robust["rests_on"]:
-        more = f", or without {len(parts) - 3} others" if len(parts) > 3 else ""
-        say(f"  It would be less probable than not {', or '.join(parts[:3])}{more}.")
+        listed = parts if len(parts) <= 4 else [*parts[:3], f"without {len(parts) - 3} others"]
+        say(f"  It would be less probable than not {', or '.join(listed)}.")
     if (multiple := robust["budget_multiple_at_which_it_fails"]) and multiple > 1.0:
         say(f"  It is not sure with a budget {multiple:g} times as large.")
 

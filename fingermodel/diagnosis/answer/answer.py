@@ -136,7 +136,7 @@ def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
         found = d.verdict.names
         explain = "explain" if len(found) > 1 else "explains"
         return f"{first} What fails shows that something acts; {' and '.join(found)} {explain} it{rest}."
-    if kind != "nothing_missing":
+    if kind != "nothing_missing" and d.posterior.p_nothing < 0.5:
         return f"{first} What fails shows that something acts, not what."
     if names:
         left = f"with it nothing is left to explain{rest}"

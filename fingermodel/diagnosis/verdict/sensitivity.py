@@ -78,7 +78,8 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
     fails = None
     for index, multiple in enumerate(posterior.leader.hyper.axes[BUDGET].values):
         p = said(_again(asked, _fixed(BUDGET, index)))
-        out.append(Assumption("budget", f"the budget is {multiple:g} times as large", p))
+        size = f"{multiple:g} times as large" if multiple > 1.0 else "as stated"
+        out.append(Assumption("budget", f"the budget is {size}", p))
         if p < SURE and fails is None:
             fails = float(multiple)
     for index, multiple in enumerate(posterior.leader.hyper.axes[ANATOMY].values):

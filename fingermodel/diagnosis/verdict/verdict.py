@@ -149,22 +149,25 @@ def _found(
     probability = posterior.of_names(names)
     fit = posterior.best_fit(names) or posterior.leader
     before, after = misfits(stated, fit)
-    explain = "explain" if len(names) > 1 else "explains"
-    reasons = [
-        f"{words(names)} {explain} the readings: misfit {before:.0f} falls to {after:.0f} for "
-        f"{len(fit.residual)} readings; it changes the forces by {fit.newton:.3f} N (RMS)"
-        f"{f', the moments by {fit.newton_mm:.1f} N mm' if fit.newton_mm else ''}."
-    ]
+    # Alone it may explain less where something else acts beside it.
+    explain = (
+        f"{words(names)} {'explain' if len(names) > 1 else 'explains'} the readings: misfit {before:.0f} falls to "
+    )
+    explains = f"{explain}{after:.0f} for {len(fit.residual)} readings; it" if after < before else words(names)
+    moments = f", the moments by {fit.newton_mm:.1f} N mm" if fit.newton_mm else ""
+    reasons = [f"{explains} changes the forces by {fit.newton:.3f} N (RMS){moments}."]
     alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
     if alike:
         asked = dict.fromkeys(shown for n in [*names, *alike] if (shown := candidates.by_name[n].shown_by))
         how = f"; to part them, {', or '.join(list(asked)[:2])}" if asked else ""
         reasons.append(f"In these load cases it is much like {words(alike)}{how}.")
     if posterior.p_beyond >= 0.5:
+        less = ": less than what is found changes" if posterior.beyond_newton < fit.newton else ""
         reasons.append(
             f"Something else acts beside it with a probability of {posterior.p_beyond:.2f}, of about "
-            f"{posterior.beyond_newton:.2g} N: less than what is found changes."
+            f"{posterior.beyond_newton:.2g} N{less}."
         )
+        reasons += _known(posterior)
     reasons += _beside(posterior, names)
     # Specimens differ by more than those of one study; of the rig the bench itself states what it may be off by.
     left = _left(posterior, fit, f"{words(names)}, noise, scatter and budget", _rig_as_stated(fit, fit.best))
@@ -244,19 +247,25 @@ def _rig_as_stated(fit: Optimum, of: Node) -> Node:
 
 
 def _beyond(posterior: Posterior) -> tuple[str, ...]:
-    known = summed((candidate, e.probability) for e in posterior.entries for candidate in e.known)
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
     alone = [f", in {carrier} alone" for carrier, p in posterior.carriers.items() if p >= 0.5]
     size = f"{leader.newton_mm:.2g} N mm" if leader.newton_mm else f"{posterior.beyond_newton:.2g} N"
     said = f"Something of about {size} acts that no effect here describes{''.join(alone)}{looks}."
-    if (best := next(iter(known), None)) and known[best] >= 0.5:
-        said = (
-            f"Most of it looks like {best.name} (probability {min(known[best], 1.0):.2f}), "
-            f"which rigs are known for and the catalogue leaves out: {best.title}."
-        )
-    return (said, *_beside(posterior, ()))
+    return (*(_known(posterior) or [said]), *_beside(posterior, ()))
+
+
+def _known(posterior: Posterior) -> list[str]:
+    """What rigs are known for, and the catalogue leaves out, that something unknown mostly looks like."""
+    known = summed((candidate, e.probability) for e in posterior.entries for candidate in e.known)
+    best = next(iter(known), None)
+    if best is None or known[best] < 0.5:
+        return []
+    return [
+        f"Most of it looks like {best.name} (probability {min(known[best], 1.0):.2f}), "
+        f"which rigs are known for and the catalogue leaves out: {best.title}."
+    ]
 
 
 def _beside(posterior: Posterior, names: Sequence[str]) -> list[str]:

@@ -14,8 +14,8 @@ Floats = NDArray[np.float64]
 LOST = (500, 505, 700, 701, 702, 1500, 2999)
 
 
-def gaps_of(t_s: Floats, portion: int = 100_000) -> tuple[list[Gap], GapFinder]:
-    finder, out = GapFinder(), list[Gap]()
+def gaps_of(t_s: Floats, portion: int = 100_000, stated_hz: float | None = None) -> tuple[list[Gap], GapFinder]:
+    finder, out = GapFinder(stated_hz), list[Gap]()
     for a in range(0, len(t_s), portion):
         out += finder.take(t_s[a : a + portion])
     return out + finder.finish(), finder
@@ -72,6 +72,13 @@ def test_bursts_of_an_adapter_are_late_and_their_rate_is_told_right() -> None:
     assert found == []
     assert finder.late == pytest.approx(40.0 / 0.07, abs=2)
     assert finder.interval_s == pytest.approx(0.01, rel=0.02)
+
+
+def test_a_recording_of_the_windows_alone_keeps_its_stated_rate_and_shows_its_pauses() -> None:
+    windows = [start + np.arange(40) / 10.0 for start in np.cumsum([60.0, 7.0, 15.0, 7.0, 15.0, 7.0])]
+    found, finder = gaps_of(np.concatenate(windows), stated_hz=10.0)
+    assert finder.interval_s == pytest.approx(0.1)
+    assert [round(gap.end_s - gap.start_s, 3) for gap in found] == [3.1, 11.1, 3.1, 11.1, 3.1]
 
 
 def test_no_jitter_makes_a_gap() -> None:
