@@ -302,6 +302,30 @@ def weight_left_hanging(session: Recorded, rng: Rng) -> None:
             session.values[session.within(other, "loaded_s")] += change
 
 
+def old_tare(session: Recorded, rng: Rng) -> None:
+    """Read the cases of one posture and mount with the tare of another time."""
+    blocks = Counter(tuple(c["unloaded_s"]) for c in session.document["cases"] if c["role"] == "identification")
+    # Of fewer each is a slip.
+    several = sorted(tare for tare, count in blocks.items() if count >= _SEVERAL)
+    tare = several[int(rng.integers(len(several)))]
+    cases = [case for case in session.document["cases"] if tuple(case["unloaded_s"]) == tare]
+    _move_zero(session, cases, rng)
+
+
+def zero_moves(session: Recorded, rng: Rng) -> None:
+    """Let the zero of the cell step, at one mount from one of its cases on."""
+    place = str(rng.choice(["tip", "bone"]))
+    cases = [case for case in session.document["cases"] if case["location"] == place]
+    fitted = [k for k, case in enumerate(cases) if case["role"] == "identification"]
+    _move_zero(session, cases[int(rng.choice(fitted[_SEVERAL : 1 - _SEVERAL])) :], rng)
+
+
+def _move_zero(session: Recorded, cases: list[dict[str, Any]], rng: Rng) -> None:
+    offset_N = rng.uniform(0.15, 0.6, 3) * rng.choice([-1.0, 1.0], 3)
+    for case in cases:
+        session.values[session.within(case, "loaded_s"), :3] += offset_N
+
+
 def _part_of_a_load(session: Recorded, rng: Rng) -> tuple[Floats, dict[str, Any]]:
     """What a part of a load on one tendon changes (6,) [N, N mm], and the case that has the load."""
     cases = [c for c in session.document["cases"] if len(c["masses_g"]) == 1 and c["role"] == "identification"]
@@ -341,6 +365,8 @@ FAULTS: dict[Fault, str] = {
     tare_twice: "tare",
     weight_at_a_tare: "tare_weight",
     weight_left_hanging: "weight",
+    old_tare: "zero",
+    zero_moves: "zero",
     line_slips: "tension",
     line_chafes: "tension",
     every_angle_negative: "posture",

@@ -183,8 +183,7 @@ def diagnose(
     right = of_all[0][1] if of_all else None
     if faults:
         # To be put right in the session: what would make up for it is no finding.
-        in_doubt = "what is missing shows once that is corrected"
-        verdict = Verdict("undecided", (), (), faults[0].probability, (), (in_doubt,))
+        verdict = Verdict("undecided", (), (), faults[0].probability, (), (faults[0].effect,))
     elif verdict.kind in ("none_of_catalogue", "undecided"):
         found, curves = _of_what_is_left(posterior, searched)
     if progress:

@@ -132,7 +132,7 @@ def _print_verdict(body: dict[str, Any]) -> None:
         say(f"  Something no effect describes acts, alone or beside: probability {beyond['probability']:.2f}{size}.")
     check = body["predictive_check"]
     before, after = check["p_value_before"], check["p_value_after"]
-    if before is not None and after is not None:
+    if before is not None and after is not None and not faulty:
         say(f"  Predictive check on the validation cases: p = {before:.2g} without any effect, {after:.2g} as judged.")
 
 

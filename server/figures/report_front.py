@@ -61,14 +61,16 @@ def to_do(answer: Answer) -> list[str]:
         out += [f"{what[0].upper()}{what[1:]}{said}." for what in told]
     if verdict == "found":
         out.append(f"Put it into the model: fingertwin add {' '.join(map(quoted, [*names, session]))}.")
-    for row in rows(answer, "where_after" if "where_after" in answer else "where", "bent"):
+    # What makes up for a fault of the session is settled by none of these.
+    bent = () if faults else rows(answer, "where_after" if "where_after" in answer else "where", "bent")
+    for row in bent:
         widths, what = abs(value(row.get("widths")) or 0.0), rig_remedy(str(row.get("name")))
         if widths >= _FAR and what not in told:
             told[what] = None
             far = f"the refit takes {row.get('name')} to be {fixed(widths, 0)} stated standard deviations off"
             out.append(f"{what[0].upper()}{what[1:]}: {far}.")
     cases = rows(answer, "next_cases")
-    if cases and verdict != "nothing_missing":
+    if cases and verdict != "nothing_missing" and not faults:
         why = "to confirm it" if verdict == "found" else "to tell the explanations apart"
         if said := str(cases[0].get("text") or "").rstrip("."):
             out.append(f"Measure this load case next, {why}: {said}.")

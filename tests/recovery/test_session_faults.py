@@ -26,6 +26,7 @@ from benchmarks.session_faults import (
     moments_in_Nm,
     mount,
     mounts,
+    old_tare,
     postures,
     radians,
     rows,
@@ -39,6 +40,7 @@ from benchmarks.session_faults import (
     weight_left_hanging,
     weights_of_a_tendon,
     zero_before_each_weight,
+    zero_moves,
 )
 from daq.sessions import read_session
 from daq.sessions.amendments import amendments_of, block_of
@@ -66,6 +68,8 @@ from tests.simulator import draw_session
             joints_everywhere, "posture", "PIP and DIP were exchanged in all postures", marks=pytest.mark.full
         ),
         (mistyped_angle, "posture", "was about "),
+        pytest.param(zero_moves, "zero", ", as where the cell or its cable was moved", marks=pytest.mark.full),
+        (old_tare, "zero", ", as with an old tare"),
         pytest.param(line_chafes, "tension", ", as where its line chafes", marks=pytest.mark.full),
         (line_slips, "tension", " times what was entered, as where its line slips"),
         pytest.param(

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import logit, logsumexp
 
 from fingermodel.arrays import Mask
+from fingermodel.comparison.comparison import compare
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Node
@@ -47,6 +48,17 @@ class SessionFault:
     words: str  # what was done instead of what was entered
     probability: float  # that it is so
     amend: tuple[Amend, ...] = ()  # amendments that put it right; none where amendments cannot
+    # RMSE of the validation cases as they were entered, and with it put right; None where that was not asked.
+    validation_rmse_N: tuple[float, float] | None = None
+
+    @property
+    def effect(self) -> str:
+        """What shows once it is put right."""
+        later = "what is missing shows once that is corrected"
+        if self.validation_rmse_N is None:
+            return later
+        before, after = self.validation_rmse_N
+        return f"{later}; the RMSE of the validation cases is then {after:.3f} N instead of {before:.3f} N"
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +238,15 @@ def session_faults(
     said = _probable(offers, values, [*rest, *(f.without for f in could)])
     # A fault that leaves more than noise may make up for a part of something else.
     each = [(fault, by_words[fault.words]) for fault in said]
-    return [(fault, put) for fault, put in each if explains_with_rig_as_stated(put.fit)]
+    sound, before = [of for of in each if explains_with_rig_as_stated(of[1].fit)], posterior.nothing
+    return [(replace(fault, validation_rmse_N=_unseen_rmse(before, put.fit)), put) for fault, put in sound]
+
+
+def _unseen_rmse(before: Optimum, after: Optimum) -> tuple[float, float] | None:
+    """RMSE [N] of the validation cases in the plane that the finger is judged in, by two fits; None without any."""
+    each = [compare(fit.session.model, fit.session.observations, fit.theta) for fit in (before, after)]
+    first, second = (one.select(role="validation").errors(one.judged_in).rmse_N for one in each)
+    return None if first is None or second is None else (first, second)
 
 
 def unseen_faults(
