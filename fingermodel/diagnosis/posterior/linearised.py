@@ -305,7 +305,8 @@ class Linearised:
             columns: (fitted readings, k) change of the readings [N, N mm] per unit of each weight.
             node: of the hyperparameters.
         """
-        return Quadratic.beside(*self.marginal(node), self.whitening(node) @ columns, 0.0)
+        # Counted from where these weights are 0.
+        return replace(Quadratic.beside(*self.marginal(node), self.whitening(node) @ columns, 0.0), value=0.0)
 
     def left_out_gains(self, columns: Floats, node: Node, spread: float) -> Floats:
         """Log density (k,) that further columns add to the cases, each case predicted from all others.
