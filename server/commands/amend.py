@@ -48,9 +48,7 @@ def amend_case(
         if changes:
             raise InputError("--undo beside a change", "one of them", "Undo first, then amend")
         taken = take_back(folder, [c.id for c in cases])
-        if not _tell(session, read_session(session), [], json):
-            for one in taken:
-                say(f"Taken back: {one.case}: {words(one)}.")
+        _tell(session, read_session(session), [], json, taken)
         return
     if not changes:
         raise InputError(
@@ -84,20 +82,24 @@ def amend_case(
     _tell(session, keep_amendments(session, folder, new), new, json)
 
 
-def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | None) -> bool:
-    """Show what is amended now; True where the answer took standard output."""
+def _tell(
+    session: str, read: Session, new: Sequence[Amendment], json: str | None, taken: Sequence[Amendment] = ()
+) -> None:
+    """Show what was taken back, then what is amended now; nothing where the answer takes standard output."""
     rows = listed(read)
     body: dict[str, Any] = {"session": read.id, "amendments": rows, "made": [a.case for a in new]}
     if answer("amend", body, json):
-        return True
+        return
+    for one in taken:
+        say(f"Taken back: {one.case}: {words(one)}.")
     if not rows:
-        say(f"{read.id}: nothing is amended.")
+        # Named as it was asked for: a copied folder keeps the id of what it was copied from.
+        say(f"{session}: nothing is amended{' any more' if taken else ''}.")
     for row in rows:
         say(*amended_lines([row]))
     if new:
         again = f"fingertwin diagnose {quoted(session)}"
         say(f"The entries stay in session.yaml. Look again: {again}; take it back with --undo.")
-    return False
 
 
 def _grams(text: str, expected: str) -> float:

@@ -63,9 +63,11 @@ def test_an_amendment_is_made_shown_and_taken_back(folder: Path) -> None:
     assert run("amend", folder).out.startswith(f"Amended {name}")
     taken = run("amend", folder, name, "--undo")
     assert taken.code == 0
-    assert "Taken back" in taken.out
+    first, last = taken.out.splitlines()
+    assert first.startswith(f"Taken back: {name}: ")
+    assert last == f"{folder}: nothing is amended any more."
     assert entry(folder, name) == before
-    assert run("amend", folder).out == "synek2019_H01: nothing is amended.\n"
+    assert run("amend", folder).out == f"{folder}: nothing is amended.\n"
 
 
 def test_two_cases_are_exchanged_and_one_is_left_out(folder: Path) -> None:
