@@ -151,7 +151,7 @@ def _print_explanations(body: dict[str, Any]) -> None:
     for row in body["ranking"][:9]:
         first = row["parameters"][:3]
         values = ", ".join(with_unit(f"{p['name']} {p['value']:.3g}", p["unit"]) for p in first)
-        more = f" (+{len(row['parameters']) - 3})" if len(row["parameters"]) > 3 else ""
+        more = f", and {len(row['parameters']) - 3} more" if len(row["parameters"]) > 3 else ""
         rmse = row["validation_rmse_N"]
         name = " + ".join(row["candidates"]) or ("something else" if row["effects"] else "nothing missing")
         if row["log_evidence_gain"] is None:
@@ -161,7 +161,7 @@ def _print_explanations(body: dict[str, Any]) -> None:
         "Explanations",
         ["what is missing", "probability", "ln evidence", "validation RMSE [N]", "value"],
         rows,
-        f"{body['candidates_searched']} searched, fitted or by the linearised model",
+        f"{body['candidates_searched']} searched, fitted or by the linearised model; a value without a unit is a ratio",
     )
     included = [f"{name} {p:.2f}" for name, p in body["inclusion"].items() if p >= _TOLD][:6]
     if included:
