@@ -59,8 +59,10 @@ def to_do(answer: Answer) -> list[str]:
     if verdict in ("found", "one_of"):
         said = f" (the readings say {_values(answer)})" if verdict == "found" else ""
         out += [f"{what[0].upper()}{what[1:]}{said}." for what in told]
-    if verdict == "found":
-        out.append(f"Put it into the model: fingertwin add {' '.join(map(quoted, [*names, session]))}.")
+    held = words(answer.get("held"))
+    lacking = [n for n in names if not any(p == n or p.startswith(f"{n}.") for p in held)]
+    if verdict == "found" and lacking:
+        out.append(f"Put it into the model: fingertwin add {' '.join(map(quoted, [*lacking, session]))}.")
     # What makes up for a fault of the session is settled by none of these.
     bent = () if faults else rows(answer, "where_after" if "where_after" in answer else "where", "bent")
     for row in bent:

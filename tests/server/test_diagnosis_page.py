@@ -143,6 +143,9 @@ def test_what_to_do_follows_from_the_verdict_the_suspects_and_the_rig() -> None:
     assert steps[1].startswith("Weigh the hangers (the readings say hanger_mass.all = 41.3 ± 2.6 g)")
     assert steps[2] == "Put it into the model: fingertwin add hanger_mass S1."
     assert "to confirm it" in steps[3]
+    # What the model holds already is not put into it again.
+    held = to_do(found() | {"session": "S1", "held": ["hanger_mass.m0"]})
+    assert held == [*steps[:2], *steps[3:]]
     sound = nothing_missing() | {"suspects": [], "session_faults": []}
     assert to_do(sound) == ["Nothing: no measurement and no change of the model is asked for."]
     assert to_do(sound | {"predictive_check": {"missed_after": ["c048", "c016"]}}) == [

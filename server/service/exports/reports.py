@@ -128,7 +128,8 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     stands = {k: v for k, v in provenance(bench).items() if k in ("warnings", "amendments")}
     stands |= {"excluded": measured.excluded}
     if job is not None:
-        found = diagnosis_sections(answer | stands, history, _finger(parts, measured, job, answer))
+        now = answer | stands | {"held": list(bench.loaded.added)}
+        found = diagnosis_sections(now, history, _finger(parts, measured, job, answer))
     notes = comparison_notes(bench)
     if len(comparison.cases) < len(bench.measured.cases):
         notes.append("Validation cases are left out until the session is closed.")
