@@ -258,7 +258,7 @@ def _require_known(names: Iterable[str], what: str, known: Collection[str]) -> N
     """Refuse a name that is none of the known ones."""
     for name in names:
         if name not in known:
-            expected = "a name of session.model.parameters.names"
+            expected = f"the name of one that it holds, such as {min(known)}" if known else "a model with one"
             raise InputError(f"the model has no {what} {name!r:.60}", expected, did_you_mean(name, sorted(known)))
 
 

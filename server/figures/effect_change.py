@@ -52,7 +52,13 @@ class Setting:
 
 
 def effect_figure(
-    title: str, without: Comparison, within: Comparison, settings: Sequence[Setting], *, plane: Plane = "space"
+    title: str,
+    without: Comparison,
+    within: Comparison,
+    settings: Sequence[Setting],
+    *,
+    plane: Plane = "space",
+    held: bool = False,
 ) -> go.Figure:
     """Draw the change of every predicted force component as bars, and as circles what the model misses without it.
 
@@ -62,6 +68,7 @@ def effect_figure(
         within: the same cases, the effect at its settings.
         settings: of its parameters.
         plane: which components: x and y, or z too.
+        held: whether the model holds the effect as fitted; `layout.meta` tells it beside the case changed most.
 
     Raises:
         NothingToDrawError: no case, nothing that the effect acts on, or no force that it changes.
@@ -81,9 +88,8 @@ def effect_figure(
     said = f"{number(sizes[largest], 3)} N in {plain(pairs[largest][0].id)}"
     least = sorted(sizes, reverse=True)[:MOST_CASES][-1]
     drawn = [p for p, size in zip(pairs, sizes, strict=True) if size >= least][:MOST_CASES]
-    sheet = Sheet(
-        count * _PANEL + (count - 1) * _GAP, _MARGINS, bargap=0.15, showlegend=True, meta={"case": pairs[largest][0].id}
-    )
+    meta = {"case": pairs[largest][0].id, "held": held}
+    sheet = Sheet(count * _PANEL + (count - 1) * _GAP, _MARGINS, bargap=0.15, showlegend=True, meta=meta)
     for index in range(count):
         _panel(sheet, drawn, index, last=index == count - 1)
     left_out = len(pairs) - len(drawn)

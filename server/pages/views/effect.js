@@ -47,10 +47,11 @@ export async function view(main, { session, asked }) {
     queueMicrotask(async () => {
       const open = (cases) => { location.hash = `${base}/compare?${new URLSearchParams({ case: cases[0], ...(drawn ? { model: drawn } : {}) })}`; };
       const plot = await figure(change, `effect/${encodeURIComponent(name)}`, { session, model: drawn }, { signal: away.signal, picked: open });
-      const found = plot?.layout.meta?.case;
+      const { case: found, held } = plot?.layout.meta ?? {};
       if (!found) return;
-      most.textContent = `It changes case ${found} most. That is drawn here with its weights and its measured force, and with what is predicted with and without the effect.`;
-      figure(finger, "finger", { session, case: found, model: drawn, without: name }, { signal: away.signal, picked: open });
+      // Only what the model holds can be taken out of it.
+      most.textContent = `It changes case ${found} most. That is drawn here with its weights and its measured force, ${held ? "and with what is predicted with and without the effect" : "and with what is predicted without the effect"}.`;
+      figure(finger, "finger", { session, case: found, model: drawn, without: held ? name : null }, { signal: away.signal, picked: open });
     });
     return out;
   }

@@ -1,4 +1,6 @@
 // Where an effect acts on the way from the hung weight to the cell's reading, as a picture.
+import { el } from "../dom.js";
+
 const STAGES = [["tension", "Tension", "what reaches each tendon of what is hung"], ["geometry", "Geometry", "posture, tendon points, axes, lengths"],
   ["sharing", "Sharing", "how the hood shares tension out"], ["torque", "Torque", "at the joints"], ["reading", "Reading", "what the cell reports"]];
 const SVG = "http://www.w3.org/2000/svg";
@@ -26,5 +28,11 @@ export function stages(stage) {
   });
   const end = 92 + STAGES.length * wide;
   out.append(svg("circle", { cx: end + 26, cy: 40, r: 20, class: "stage" }), label(end + 26, 44, "cell"));
-  return out;
+  // On a narrow page it is scrolled rather than made too small to read, and begins where the effect acts.
+  const box = el("div", { class: "stages-scroll", tabIndex: 0, role: "group", "aria-label": "From the weight to the reading" }, out);
+  requestAnimationFrame(() => {
+    const mark = out.querySelector(".stage.here")?.getBoundingClientRect();
+    if (mark) box.scrollLeft += mark.left + mark.width / 2 - box.getBoundingClientRect().left - box.clientWidth / 2;
+  });
+  return box;
 }

@@ -305,6 +305,7 @@ def effect(
             without[at], within[at] = table.initial[at], setting.value
         before = seen(measured, compare(bench.model, bench.observations, without))
         after = seen(measured, compare(bench.model, bench.observations, within))
+        held = any(setting.name in bench.loaded.added for setting in settings)
         about = about_of(measured, bench) | {"effect": effect, "parameters": [vars(s) for s in settings]}
         plane = bench.model.finger.judged_in
         caption = (
@@ -313,7 +314,7 @@ def effect(
         )
         return shown_or_why(
             effect,
-            lambda: (effect_figure(title, before, after, settings, plane=plane), caption),
+            lambda: (effect_figure(title, before, after, settings, plane=plane, held=held), caption),
             about,
             cases_led_to(measured),
         )
