@@ -129,7 +129,7 @@ def purge(
         ),
     ],
     older_than: Annotated[
-        float, typer.Option(metavar="DAYS", min=0, help="Remove what was deleted, ended or told so long ago.")
+        float, typer.Option(metavar="DAYS", help="Remove what was deleted, ended or told so long ago.")
     ] = 30.0,
     session: Annotated[str | None, typer.Option(metavar="ID", help="Remove that of this session only.")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Count only.")] = False,

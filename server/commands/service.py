@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from server.service.settings import What
 
 Given = Mapping[str, Any]
+# Nothing that a service holds is older.
+_MOST_DAYS = 100_000
 
 
 @privately
@@ -107,7 +109,14 @@ def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
 
 @privately
 def purge(given: Given, what: What, older_days: float, session: str | None, dry_run: bool, json: str | None) -> None:
-    """Remove what is older than so many days, and give its space back."""
+    """Remove what is older than so many days, and give its space back.
+
+    Raises:
+        InputError: no such number of days, or the database cannot be used.
+    """
+    if not 0.0 <= older_days <= _MOST_DAYS:
+        found = f"--older-than {older_days:g}"
+        raise InputError(found, f"0 to {_MOST_DAYS} days", "Give how many days ago, such as 30")
     settings, given_back = settings_of(given), False
     with (
         nullcontext() if dry_run else released(folder_of(settings)),

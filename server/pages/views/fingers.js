@@ -68,6 +68,8 @@ function importing() {
     file.value = "";
     if (!given) return;
     try {
+      if (!/\.(osim|xml|mjcf)$/.test(given.name)) throw new Error(`${given.name} is no OpenSim or MuJoCo file by its name; expected one that ends in .osim, .xml or .mjcf. Choose such a file.`);
+      if (!/^[A-Za-z0-9][A-Za-z0-9 ._()-]{0,110}$/.test(given.name)) throw new Error(`The name ${given.name} cannot be used; expected a short one of plain letters, digits, spaces and . _ - ( ). Rename the file.`);
       if (given.size > MOST_BYTES) throw new Error(`${given.name} is larger than ${MOST_BYTES / 2 ** 20} MB. Read it by the command line: fingertwin import ${given.name}`);
       fill(said, quiet(`Reading ${given.name} …`));
       const found = await post("/fingers/imports", { name: given.name, text: await given.text() });
@@ -106,7 +108,10 @@ const choice = (id, title, options, chosen) => el("div", {}, el("label", { htmlF
 const chosenIn = (node) => node.querySelector("select").value;
 
 function compared(finger, fingers, signal) {
-  const others = fingers.map((f) => f.name).filter((n) => n !== finger.name);
+  // Both are loaded alike, so that only fingers with the same tendons can be compared.
+  const pulled = (f) => [...f.tendons].sort().join(" ");
+  const others = fingers.filter((f) => f.name !== finger.name && pulled(f) === pulled(finger)).map((f) => f.name);
+  if (!others.length) return panel("Beside another finger", quiet(`No other finger here has the tendons ${finger.tendons.join(" ")}. Two are compared under the same loads, so both need the same tendons.`));
   const other = choice("other", "Compare with", others, finger.name === "synek2019_optimised" ? "synek2019_bonobo" : "synek2019_optimised");
   const { button, place } = asked("Compare", "Comparing …", async () => {
     const ask = (figures) => get(`${at("fingers", finger.name)}/comparison`, { other: chosenIn(other), figures }, signal);
@@ -175,6 +180,9 @@ function activated(finger) {
   const share = el("input", { id: "share", type: "number", min: "0", max: "100", step: "5", value: "50", inputMode: "decimal" });
   const { button, place } = asked("Activate all muscles", "Isometric equilibrium …", async () => {
     const which = chosenIn(lost);
+    if (which !== "none" && !(share.valueAsNumber >= 0 && share.valueAsNumber <= 100)) {
+      throw new Error(`${share.value === "" ? "No loss" : `A loss of ${share.value} %`} is given for ${which}; expected 0 to 100 %. Give such a number.`);
+    }
     const body = { finger: finger.name, lost: which === "none" ? {} : { [which]: share.valueAsNumber / 100 } };
     const ask = (figures) => post(`/activations?figures=${figures}`, body);
     const found = await ask(theme());

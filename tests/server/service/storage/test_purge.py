@@ -229,6 +229,19 @@ def test_the_command_says_what_it_removes_also_while_a_service_runs(
     database.close()
 
 
+@pytest.mark.parametrize("days", ["-3", "nan", "1e300"])
+def test_days_that_are_none_are_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, days: str
+) -> None:
+    monkeypatch.setattr("sys.argv", ["fingertwin", "purge", "jobs", "--older-than", days, "--data", str(tmp_path)])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    said = capsys.readouterr().err
+    assert caught.value.code not in (0, None)
+    assert said.count("\n") == 1
+    assert "expected 0 to 100000 days. Give how many days ago, such as 30." in said
+
+
 @pytest.mark.skipif(not available(), reason="SQLite's way to the disk cannot be taken over here")
 @pytest.mark.parametrize("what", ["deleted", "jobs", "messages"])
 def test_on_a_full_disk_the_command_says_in_one_line_what_room_it_needs(
