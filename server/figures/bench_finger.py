@@ -182,11 +182,11 @@ def _weights(
                 **axes,
             )
         )
-        # Two places without words make the drawing wide and high enough for those below the weight.
+        # The words keep clear of the weight's lower edge. Two places without words make the drawing wide and high enough for those below the weight.
         traces.append(
             go.Scatter(
                 x=[pulley, left - wide, right + wide],
-                y=[under, under - 0.5 * stub, under - 0.5 * stub],
+                y=[under - 0.06 * stub, under - 0.5 * stub, under - 0.5 * stub],
                 mode="text",
                 text=[f"{plain(muscle)}<br>{mass_g:g} g", "", ""],
                 textposition="bottom center",
