@@ -201,6 +201,14 @@ def _direction(value: Any) -> tuple[float, ...]:
     return tuple(a / length for a in numbers) if abs(length - 1.0) > 1e-12 else numbers
 
 
+def direction_words(value: Any) -> str:
+    """Return a direction in a mount's axes as the axis's name, or as numbers along proximal, dorsal and radial."""
+    found = _direction(value)
+    # One letter is an axis, a word says which way.
+    named = (name for name, axis in AXIS_NAMES.items() if len(name) > 1 and axis == tuple(found))
+    return next(named, f"along ({', '.join(f'{a:.3g}' for a in found)})")
+
+
 def _angles(value: Any) -> tuple[float, ...]:
     numbers = vector(value, 3, "degrees")
     if max(abs(a) for a in numbers) > 360.0:

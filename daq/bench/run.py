@@ -49,13 +49,13 @@ class BenchRun(BenchEngine):
         """Look for a plateau: the weights of the present step hang."""
         step = self._open_step()
         if step.id in self._at.steps.done:
-            raise SessionError(f"{step.id} is taken already", "next, or repeat", "A repeat is added, none is replaced")
+            raise SessionError(f"{step.name} is taken already", "next, or repeat", "A repeat is added, none is replaced")
         if step.case is None and self._at.weight is None:
             raise SessionError("the known weight is not known", "its mass and direction, such as 500 palmar")
         self._require_place(step)
         if self._tare is None:
             raise SessionError(
-                f"{step.id} has no tare since posture, cell or suture changed",
+                f"{step.name} has no tare since posture, cell or suture changed",
                 "a tare, then the load",
                 "Take the weights off, tare, and hang them again",
             )
@@ -188,7 +188,7 @@ class BenchRun(BenchEngine):
         step, offer, then = self._at.steps.now, self._finder.offer, self._next()
         return BenchStatus(
             self._now_s,
-            "all steps are done" if step is None else f"{step.id}: {step.text}",
+            "all steps are done" if step is None else f"{step.id}: {self._at.told(step)}",
             then.text,
             self._phase,
             None if offer is None else offer.window_s,
@@ -258,7 +258,7 @@ class BenchRun(BenchEngine):
         ):
             wanted = self._at.wanted()[key]
             if self._at.place[key] != wanted:
-                raise SessionError(f"the {what} is {self._at.place[key]}", f"{wanted} for {step.id}", remedy)
+                raise SessionError(f"the {what} is {self._at.place[key]}", f"{wanted} for {step.name}", remedy)
 
 
 def _require_among(case: str, known: Collection[str], what: str) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from daq.bench.record import BenchSetup
-from daq.bench.steps import Steps
+from daq.bench.steps import Step, Steps, weight_words
 from daq.journal.rows import Event
 
 
@@ -54,6 +54,11 @@ class Standing:
             return {"posture": step.case.posture, "location": step.case.location}
         mount = None if step is None or self.weight is None else self.weight.get("mount")
         return {"posture": self.place["posture"], "location": mount or self.place["location"]}
+
+    def told(self, step: Step) -> str:
+        """Return what hangs where in a step; of a known weight which one, while it is the present step."""
+        weight = self.weight if step.case is None and step is self.steps.now else None
+        return step.text if weight is None else f"{step.text}: {weight_words(weight)}"
 
     def apply(self, event: Event) -> None:
         """Take one more event; kinds that change nothing here are passed over."""

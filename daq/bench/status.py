@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from daq.bench.forces import Result
 from daq.bench.standing import Standing
-from daq.bench.steps import worded
+from daq.bench.steps import weight_words, worded
 from daq.recordings.windows import Span
 from daq.sessions.protocols import PlannedCase
 
@@ -81,6 +81,8 @@ def next_of(standing: Standing, has_tare: bool, hanging_now: PlannedCase | None)
         return Next(f"move the cell to the {wanted['location']}, then mark it", "cell_moved")
     if not has_tare:
         return Next("take all weights off, then tare", "tare")
+    if step.case is None and standing.weight is not None:
+        return Next(f"hang {weight_words(standing.weight)} on the cell, then mark loaded", "loaded")
     return Next(f"{hanging(step.case, _alike(hanging_now, step.case))}, then mark loaded", "loaded")
 
 

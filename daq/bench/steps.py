@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from daq.sessions.protocols import PlannedCase
+from daq.vocabulary import direction_words
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,13 @@ class Step:
     repeat_of: str | None = None
 
     @property
+    def name(self) -> str:
+        """The case's id, or which known weight it is, as messages name it."""
+        if self.case is not None:
+            return self.id
+        return "the known weight between cases" if self.when == "during" else f"the known weight {self.when} the cases"
+
+    @property
     def text(self) -> str:
         """Load and place in words."""
         if self.case is None:
@@ -36,6 +45,12 @@ class Step:
 def worded(masses_g: Mapping[str, float], times: float = 1.0) -> str:
     """Return weights, or so many times them, as they are hung."""
     return " ".join(f"{tendon} {times * mass:g} g" for tendon, mass in masses_g.items()) or "no weight"
+
+
+def weight_words(weight: Mapping[str, Any]) -> str:
+    """Return a known weight's mass, its direction and, where it is known, the mount that it hangs on."""
+    mount = f" at the {weight['mount']}" if weight.get("mount") else ""
+    return f"{weight['mass_g']:g} g {direction_words(weight['direction'])}{mount}"
 
 
 @dataclass

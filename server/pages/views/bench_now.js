@@ -96,7 +96,7 @@ function predictionOf(estimate) {
 function stepText(bench, step) {
   if (!bench.begun) return "";
   if (!step) return bench.closed ? "Closed" : "All steps are done";
-  if (!step.masses_g) return `Known weight on the cell, ${step.when}`;
+  if (!step.masses_g) return capital(step.text);
   return `${masses(step.masses_g)} · ${words(step.posture)} · ${step.location}`;
 }
 

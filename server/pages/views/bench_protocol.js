@@ -34,7 +34,7 @@ export class ProtocolGrid {
     const loads = rows.filter((r) => r.masses_g);
     const done = rows.filter((r) => ["measured", "done"].includes(r.state)).length;
     const steady = rows.filter((r) => r.state !== "proposed").length;
-    this.count.textContent = rows.length ? `${done} of ${steady} steps done${now ? `; now ${now}` : ""}` : "";
+    this.count.textContent = rows.length ? `${done} of ${steady} steps done${now ? `; now ${nameOf(rows.find((r) => r.id === now), now)}` : ""}` : "";
     fill(this.weights, rows.filter((r) => r.when).map((r) => el("span", { class: `chip mark ${r.state}` }, `${STATES[r.state][0]} known weight ${r.when}`)));
     this.legend.hidden = !loads.length;
     fill(this.place, loads.length ? this.grid(loads, picked, now) : empty(begun ? "The protocol has no load case." :
@@ -84,6 +84,12 @@ function stateOf(step, found, now) {
   if (found && found.state !== "waiting") return found.state;
   if (found || step.state === "done") return found ? "waiting" : "done";
   return step.id === now ? "now" : "open";
+}
+
+/** A case by its id, a known weight in words. */
+function nameOf(row, id) {
+  if (!row?.when) return id;
+  return row.when === "during" ? "the known weight between cases" : `the known weight ${row.when} the cases`;
 }
 
 function header(hung) {

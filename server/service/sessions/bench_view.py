@@ -88,6 +88,8 @@ def _steps(record: Record, state: BenchState | None) -> list[dict[str, Any]]:
         told = listed.pop(step.id, {"id": step.id, "text": step.text, "state": "open"})
         if told["state"] == "open" and step.id in skipped:
             told = told | {"state": "skipped"}
+        if state is not None and step is state.now:
+            told = told | {"text": state.standing.told(step)}
         out.append({**told, **_load(_planned(step)), "when": step.when or None})
     return out + [{**s, **_load(taken.get(name, {})), "when": None} for name, s in listed.items()]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from tests.daq.bench_lines import BEGUN, bench, refused
@@ -37,6 +39,19 @@ def test_a_known_weight_tells_a_wrong_sign_or_gain() -> None:
     played = bench().play([*tared(), *hung(NOTHING)])
     assert "Did it hang on the cell" in played.warnings()
     assert "rotation" not in played.warnings()
+
+
+@pytest.mark.parametrize(
+    ("direction", "said"),
+    [("palmar", "500 g palmar at the tip"), ("-y", "500 g palmar at the tip"),
+     ([0.0, 3.0, 4.0], "500 g along (0, 0.6, 0.8) at the tip")],
+)  # fmt: skip
+def test_what_to_do_says_which_known_weight_is_to_be_hung(direction: Any, said: str) -> None:
+    played = bench(known_weight={"mass_g": 500, "direction": direction, "mount": "tip"})
+    assert "the known weight before the cases has no tare" in refused(played, "loaded")
+    played.play(tared())
+    assert played.run.status().todo == f"hang {said} on the cell, then mark loaded"
+    assert played.run.status().step == f"weight_before: known weight on the cell (before): {said}"
 
 
 @pytest.mark.parametrize("line", ["posture_set relaxed", "tare 5", "next c003", "close now"])

@@ -49,6 +49,7 @@ def test_a_bench_stands_at_the_service_as_it_does_at_its_terminal(played: Played
     begun = stands(played)
     assert (begun["begun"], begun["now"], begun["todo"]) == (True, "weight_before", "take all weights off, then tare")
     assert [s["id"] for s in begun["steps"]] == STEPS
+    assert begun["steps"][0]["text"] == "known weight on the cell (before): 500 g palmar"
     assert begun["steps"][1]["masses_g"] == {"FDP": 950.0}
     assert (begun["steps"][3]["role"], begun["steps"][3]["posture"]) == ("validation", "relaxed")
     assert begun["cell"]["range"] == [25.0, 25.0, 35.0, 250.0, 250.0, 250.0]
