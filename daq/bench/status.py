@@ -82,7 +82,7 @@ def next_of(standing: Standing, has_tare: bool, hanging_now: PlannedCase | None)
     if not has_tare:
         return Next("take all weights off, then tare", "tare")
     if step.case is None and standing.weight is not None:
-        return Next(f"hang {weight_words(standing.weight)} on the cell, then mark loaded", "loaded")
+        return Next(f"hang {weight_words(standing.weight, ' on the cell')}, then mark loaded", "loaded")
     return Next(f"{hanging(step.case, _alike(hanging_now, step.case))}, then mark loaded", "loaded")
 
 

@@ -47,10 +47,10 @@ def worded(masses_g: Mapping[str, float], times: float = 1.0) -> str:
     return " ".join(f"{tendon} {times * mass:g} g" for tendon, mass in masses_g.items()) or "no weight"
 
 
-def weight_words(weight: Mapping[str, Any]) -> str:
-    """Return a known weight's mass, its direction and, where it is known, the mount that it hangs on."""
+def weight_words(weight: Mapping[str, Any], where: str = "") -> str:
+    """Return a known weight's mass, its direction, where it is hung and, where it is known, the cell's mount."""
     mount = f" at the {weight['mount']}" if weight.get("mount") else ""
-    return f"{weight['mass_g']:g} g {direction_words(weight['direction'])}{mount}"
+    return f"{weight['mass_g']:g} g {direction_words(weight['direction'])}{where}{mount}"
 
 
 @dataclass

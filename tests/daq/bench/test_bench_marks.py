@@ -43,15 +43,14 @@ def test_a_known_weight_tells_a_wrong_sign_or_gain() -> None:
 
 @pytest.mark.parametrize(
     ("direction", "said"),
-    [("palmar", "500 g palmar at the tip"), ("-y", "500 g palmar at the tip"),
-     ([0.0, 3.0, 4.0], "500 g along (0, 0.6, 0.8) at the tip")],
+    [("palmar", "500 g palmar"), ("-y", "500 g palmar"), ([0.0, 3.0, 4.0], "500 g along (0, 0.6, 0.8)")],
 )  # fmt: skip
 def test_what_to_do_says_which_known_weight_is_to_be_hung(direction: Any, said: str) -> None:
     played = bench(known_weight={"mass_g": 500, "direction": direction, "mount": "tip"})
     assert "the known weight before the cases has no tare" in refused(played, "loaded")
     played.play(tared())
-    assert played.run.status().todo == f"hang {said} on the cell, then mark loaded"
-    assert played.run.status().step == f"weight_before: known weight on the cell (before): {said}"
+    assert played.run.status().todo == f"hang {said} on the cell at the tip, then mark loaded"
+    assert played.run.status().step == f"weight_before: known weight on the cell (before): {said} at the tip"
 
 
 @pytest.mark.parametrize("line", ["posture_set relaxed", "tare 5", "next c003", "close now"])
