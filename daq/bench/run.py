@@ -49,7 +49,9 @@ class BenchRun(BenchEngine):
         """Look for a plateau: the weights of the present step hang."""
         step = self._open_step()
         if step.id in self._at.steps.done:
-            raise SessionError(f"{step.name} is taken already", "next, or repeat", "A repeat is added, none is replaced")
+            raise SessionError(
+                f"{step.name} is taken already", "next, or repeat", "A repeat is added, none is replaced"
+            )
         if step.case is None and self._at.weight is None:
             raise SessionError("the known weight is not known", "its mass and direction, such as 500 palmar")
         self._require_place(step)

@@ -182,7 +182,8 @@ def _weights(
                 **axes,
             )
         )
-        # The words keep clear of the weight's lower edge. Two places without words make the drawing wide and high enough for those below the weight.
+        # The words keep clear of the weight's lower edge. Two places without words make the drawing wide and high
+        # enough for them.
         traces.append(
             go.Scatter(
                 x=[pulley, left - wide, right + wide],
