@@ -119,11 +119,19 @@ class Entries:
                 of_forces = mistake.put_right(o, moments=False)
                 yield replace(self._one(kind, words, of_forces), log_units=np.where(force, unit, 0.0))
 
-    def turned(self) -> Corrected:
-        """Forces on the finger, entered as those that it exerts; balance shows that where both mounts were read."""
+    def signs(self) -> Iterator[Corrected]:
+        """Forces of the other sign: all of them, or along one axis, at one mount or both.
+
+        Where both mounts were read, balance shows those that are large.
+        """
         o = self.session.observations
         words = "the readings are what the cell exerts on the finger: every sign is turned"
-        return self._one("axes", words, replace(o, wrench=-o.wrench))
+        yield self._one("axes", words, replace(o, wrench=-o.wrench))
+        places = {"": ~of_label(o.roles, "check")}
+        places |= {f" at the {mount}": of_label(o.locations, mount) for mount in dict.fromkeys(o.locations)}
+        for (where, here), k in product(places.items(), range(3)):
+            sign = np.where(here[:, None] & (np.arange(6) == k), -1.0, 1.0)
+            yield self._one("axes", f"F{'xyz'[k]} has the other sign{where}", scaled(o, sign))
 
     def put_right(self, change: Change) -> Corrected:
         """The session with something by its amount another than was entered."""

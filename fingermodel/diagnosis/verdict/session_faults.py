@@ -119,7 +119,7 @@ def put_right(candidates: Candidates, nothing: Optimum, before: Sequence[PutRigh
         least = [0.0 for _ in hosts]
     entries = Entries(session, session.problem.centre)
     by_balance = list(entries.frames())
-    possible = _Possible.of(entries, [] if by_balance else [entries.turned()], len(by_balance))
+    possible = _Possible.of(entries, [] if by_balance else list(entries.signs()), len(by_balance))
     best, changes = dict[Corrected, None](), dict[str, Corrected]()
     for (host, node), more in zip(hosts, least, strict=True):
         best |= dict.fromkeys(possible.labels(as_measured, node, more))
