@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from fingermodel.arrays import Floats, Mask
+from fingermodel.arrays import Floats, Ints, Mask
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -214,11 +214,11 @@ def _pulls(session: Session) -> Iterator[Change]:
     for m, muscle in enumerate(muscles):
         pulls = tension[:, m] > 0.0
         pulling = order[pulls[order]].tolist()
-        starts = list(range(1, len(pulling)))
-        if len(pulling) > _MOST_STARTS:
-            starts = [k for k in starts if setting[pulling[k]] != setting[pulling[k - 1]]]
         slips, chafes = "as where its line slips or a pulley jams", "as where its line chafes"
-        blocks = {f"from {o.ids[pulling[k]]} on": (np.isin(np.arange(len(pulls)), pulling[k:]), slips) for k in starts}
+        blocks = {
+            f"from {o.ids[pulling[k]]} on": (np.isin(np.arange(len(pulls)), pulling[k:]), slips)
+            for k in _starts(pulling, setting)
+        }
         blocks |= {where: (here & pulls, chafes) for where, here in places.items() if (pulls & ~here).any()}
         for where, (here, why) in blocks.items():
             acts = here[:, None] * (np.arange(len(muscles)) == m).astype(float)
@@ -237,10 +237,7 @@ def _zeros(session: Session) -> Iterator[Change]:
         blocks.append((f"{where}, as with an old tare", cases))
     for mount in dict.fromkeys(o.locations):
         read = [case for case in order.tolist() if o.locations[case] == mount and not checks[case]]
-        starts = list(range(1, len(read)))
-        if len(read) > _MOST_STARTS:
-            starts = [k for k in starts if setting[read[k]] != setting[read[k - 1]]]
-        for k in starts:
+        for k in _starts(read, setting):
             where = f"from {o.ids[read[k]]} on the zero at the {mount} {off}"
             blocks.append((f"{where}, as where the cell or its cable was moved", read[k:]))
     for saying, cases in blocks:
@@ -248,6 +245,12 @@ def _zeros(session: Session) -> Iterator[Change]:
         if len(cases) < o.locations.count(o.locations[cases[0]]):
             acts = np.isin(np.arange(len(o.ids)), cases)[:, None] * _PER_NEWTON
             yield Change("zero", saying, 0.0, _ZERO_N, _LEAST_ZERO_N, acts)
+
+
+def _starts(cases: Sequence[int], setting: Ints) -> list[int]:
+    """Places among cases in their order from which on something may have changed."""
+    places = range(1, len(cases))
+    return [k for k in places if len(cases) <= _MOST_STARTS or setting[cases[k]] != setting[cases[k - 1]]]
 
 
 def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:
